@@ -1,0 +1,1 @@
+"""The planners that come with crowdbench, each found by name."""

@@ -1,0 +1,1 @@
+"""The latent_planner agent."""

@@ -1,0 +1,22 @@
+"""Straight line: drives to the goal and ignores everybody. The floor of every table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import crowdbench
+
+
+class StraightLine(crowdbench.Agent):
+    """Turns towards the goal and drives at full speed, blind to people and walls."""
+
+    def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
+        """Remember the robot's limits."""
+        self._robot = robot
+
+    def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
+        """Return full speed towards the goal, slower while it is to the side."""
+        x, y = observation.goal
+        bearing = np.arctan2(y, x)
+        turn = bearing / self._robot.control_period
+        return self._robot.speed[1] * max(0.0, np.cos(bearing)), float(turn)

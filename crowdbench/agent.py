@@ -1,0 +1,261 @@
+"""Agents: what a planner implements, and how one is found.
+
+An agent is a class with two methods in one file::
+
+    import crowdbench
+
+    class MyPlanner(crowdbench.Agent):
+        def reset(self, robot, seed):
+            self.robot = robot
+
+        def act(self, observation):
+            return 0.5, 0.0  # v [m/s], w [rad/s]
+
+``crowdbench run --agent my_planner.py:MyPlanner`` runs it. Installed packages add agents through
+the entry-point group ``crowdbench.agents``.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from crowdbench.scenario import Scenario, nearest
+
+ENTRY_POINT_GROUP = "crowdbench.agents"
+
+Action = tuple[float, float] | NDArray[np.floating]
+"""(v [m/s], w [rad/s])"""
+
+
+class AgentError(ValueError):
+    """An agent that cannot be found or made; the message says what is known."""
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """What a planner may know about the robot it drives.
+
+    Attributes:
+        name: the robot's name in the environment, e.g. ``robot_0``.
+        length, width: footprint [m], centred on the pose, length along the heading.
+        speed: lowest and highest forward speed [m/s].
+        turn_rate: lowest and highest turn rate [rad/s], left positive.
+        acceleration: limits on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2], or None.
+        control_period: time between two actions [s].
+        goal_tolerance: distance at which the goal counts as reached [m].
+        lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
+        lidar_range: distance a beam reports when it hits nothing [m].
+    """
+
+    name: str
+    length: float
+    width: float
+    speed: tuple[float, float]
+    turn_rate: tuple[float, float]
+    acceleration: tuple[float, float] | None
+    control_period: float
+    goal_tolerance: float
+    lidar_angles: NDArray[np.float64]
+    lidar_range: float
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario, name: str = "robot_0") -> RobotSpec:
+        """The robot that a scenario describes."""
+        robots = scenario.robots
+        return cls(
+            name=name,
+            length=robots.length,
+            width=robots.width,
+            speed=robots.speed,
+            turn_rate=robots.turn_rate,
+            acceleration=robots.acceleration,
+            control_period=scenario.control_period,
+            goal_tolerance=robots.goal_tolerance,
+            lidar_angles=lidar_angles(scenario),
+            lidar_range=scenario.lidar.range,
+        )
+
+    @property
+    def radius(self) -> float:
+        """Radius of the circle around the footprint [m]."""
+        return float(np.hypot(self.length, self.width) / 2)
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """(4, 2) footprint corners in the robot frame, counter-clockwise [m]."""
+        x, y = self.length / 2, self.width / 2
+        return np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
+
+
+def lidar_angles(scenario: Scenario) -> NDArray[np.float64]:
+    """(beams,) beam directions from the heading [rad].
+
+    A full circle starts ahead and goes counter-clockwise; a narrower field of view goes from its
+    right edge to its left edge.
+    """
+    beams, view = scenario.lidar.beams, np.deg2rad(scenario.lidar.field_of_view)
+    if scenario.lidar.field_of_view >= 360:
+        return np.arange(beams) * (2 * np.pi / beams)
+    return np.linspace(-view / 2, view / 2, beams) if beams > 1 else np.zeros(1)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the robot senses at one control step.
+
+    Attributes:
+        lidar: (beams,) float32 distances from the robot's centre [m].
+        velocity: (2,) float32 current v [m/s] and w [rad/s].
+        goal: (2,) float32 goal in the robot frame, x ahead, y left [m].
+        pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero.
+        state: everything about the world (``CrowdEnv.state()``); None unless the agent is
+            privileged.
+    """
+
+    lidar: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    goal: NDArray[np.float32]
+    pose: NDArray[np.float32]
+    state: Mapping[str, NDArray[Any]] | None = field(default=None, repr=False)
+
+
+class Agent(ABC):
+    """A planner. Keyword arguments of ``__init__`` are its options (``name:option=value``)."""
+
+    privileged: ClassVar[bool] = False
+    """True: ``observation.state`` is filled in. For ceilings and tests, never for comparison."""
+
+    weights_sha256: str | None = None
+    """Hash of the weights file in use, stored with every result; None without weights."""
+
+    @abstractmethod
+    def reset(self, robot: RobotSpec, seed: int) -> None:
+        """Start an episode. All randomness of the agent comes from ``seed``."""
+
+    @abstractmethod
+    def act(self, observation: Observation) -> Action:
+        """Return (v [m/s], w [rad/s]) for the next control period; out-of-range is clipped."""
+
+    def diagnostics(self) -> dict[str, float]:
+        """Counters of the episode that just ended (e.g. failed solves), stored with its log."""
+        return {}
+
+
+@dataclass(frozen=True)
+class AgentSpec:
+    """An agent as named on a command line: ``name[:option=value,...]`` or ``file.py:Class[:...]``."""
+
+    name: str
+    options: Mapping[str, Any]
+
+    @classmethod
+    def parse(cls, text: str) -> AgentSpec:
+        """Split a name from its options; values are YAML scalars.
+
+        Raises:
+            AgentError: an option without ``=``.
+        """
+        name, _, rest = text.partition(":")
+        if name.endswith(".py"):
+            class_name, _, rest = rest.partition(":")
+            name = f"{name}:{class_name}" if class_name else name
+        options: dict[str, Any] = {}
+        for item in filter(None, (part.strip() for part in rest.split(","))):
+            key, separator, value = item.partition("=")
+            if not separator:
+                raise AgentError(f"agent {text!r}: expected option=value, got {item!r}")
+            options[key.strip()] = yaml.safe_load(value)
+        return cls(name, options)
+
+    def __str__(self) -> str:
+        options = ",".join(f"{key}={_scalar(self.options[key])}" for key in sorted(self.options))
+        return f"{self.name}:{options}" if options else self.name
+
+    def make(self) -> Agent:
+        """Find the class and make the agent.
+
+        Raises:
+            AgentError: unknown agent or option (the nearest are listed), or a broken file.
+        """
+        factory = find_agent(self.name)
+        accepted = agent_options(factory)
+        for key in self.options:
+            if key not in accepted:
+                known = nearest(key, list(accepted)) if accepted else "; it takes no options"
+                raise AgentError(f"agent {self.name!r} has no option {key!r}{known}")
+        try:
+            return factory(**self.options)
+        except (TypeError, ValueError) as error:
+            raise AgentError(f"agent {str(self)!r}: {error}") from error
+
+
+def agent_names() -> list[str]:
+    """Names of all installed agents."""
+    return sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)})
+
+
+def agent_options(factory: type[Agent]) -> dict[str, Any]:
+    """Options an agent takes, with their defaults."""
+    parameters = list(inspect.signature(factory.__init__).parameters.values())[1:]
+    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return {p.name: p.default for p in parameters if p.kind in named}
+
+
+def find_agent(name: str) -> type[Agent]:
+    """Return the class of an installed agent, or of ``file.py:Class``.
+
+    Raises:
+        AgentError: nothing of that name; the message lists what there is.
+    """
+    path, _, class_name = name.partition(":")
+    if path.endswith(".py"):
+        return _from_file(Path(path), class_name)
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if point.name == name:
+            return _checked(point.load(), name)
+    raise AgentError(f"unknown agent {name!r}{nearest(name, agent_names())}")
+
+
+def _from_file(path: Path, class_name: str) -> type[Agent]:
+    if not path.is_file():
+        raise AgentError(f"agent file {str(path)!r} does not exist")
+    spec = importlib.util.spec_from_file_location(f"crowdbench_plugin_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise AgentError(f"agent file {str(path)!r} is not a Python module")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise AgentError(f"{path}: {type(error).__name__}: {error}") from error
+    classes = {
+        key: value
+        for key, value in vars(module).items()
+        if inspect.isclass(value) and issubclass(value, Agent) and value.__module__ == module.__name__
+    }
+    if not class_name and len(classes) == 1:
+        return next(iter(classes.values()))
+    if class_name not in classes:
+        found = ", ".join(classes) or "none"
+        raise AgentError(f"{path}: no agent class {class_name!r}; agent classes found: {found}")
+    return classes[class_name]
+
+
+def _checked(value: Any, name: str) -> type[Agent]:
+    if not (inspect.isclass(value) and issubclass(value, Agent)):
+        raise AgentError(f"agent {name!r}: {value!r} is not a subclass of crowdbench.Agent")
+    return value
+
+
+def _scalar(value: Any) -> str:
+    return yaml.safe_dump(value, default_flow_style=True).removesuffix("\n...\n").strip()

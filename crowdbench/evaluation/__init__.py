@@ -1,0 +1,1 @@
+"""Running agents through episodes and turning the logs into numbers."""

@@ -1,0 +1,79 @@
+"""Episode: the log of one robot's run, the only input of the metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.simulation.contact import Contact
+
+Outcome = Literal["success", "collision", "timeout", "agent_error"]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Everything that happened to one robot, T control steps, P pedestrians, K obstacles, S walls.
+
+    Arrays of T + 1 rows hold states: row 0 after reset, row t after action t - 1. Positions are
+    in the world frame.
+
+    Attributes:
+        scenario: name of the scenario.
+        agent: the agent with its options, e.g. ``orca:horizon=2``.
+        seed: episode seed.
+        robot: name of the robot in the environment.
+        control_period: time between two actions [s].
+        footprint: robot's length and width [m].
+        goal_tolerance: arrival distance [m].
+        goal: (2,) [m].
+        walls: (S, 4) segments x1, y1, x2, y2 [m].
+        obstacles: (K, 3) x, y, radius [m].
+        pedestrian_radius: radius of every pedestrian [m].
+        robot_pose: (T + 1, 3) x, y [m], heading [rad].
+        actions: (T, 2) v [m/s], w [rad/s] as executed (clipped).
+        other_robots: (T + 1, R, 3) poses of the other robots.
+        pedestrian_position: (T + 1, P, 2) [m].
+        pedestrian_velocity: (T + 1, P, 2) [m/s].
+        pedestrian_goal: (T + 1, P, 2) where each is heading now [m].
+        pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden from the robot.
+        pedestrian_switch_time: (T + 1, P) when the leg is interrupted [s]; inf for kept legs.
+        inference_s: (T,) wall-clock seconds spent in ``act``.
+        outcome: how it ended.
+        contact: what was touched when the outcome is ``collision``.
+        error: the agent's message when the outcome is ``agent_error``.
+        diagnostics: the agent's own counters.
+    """
+
+    scenario: str
+    agent: str
+    seed: int
+    robot: str
+    control_period: float
+    footprint: tuple[float, float]
+    goal_tolerance: float
+    goal: NDArray[np.float64]
+    walls: NDArray[np.float64]
+    obstacles: NDArray[np.float64]
+    pedestrian_radius: float
+    robot_pose: NDArray[np.float64]
+    actions: NDArray[np.float64]
+    other_robots: NDArray[np.float64]
+    pedestrian_position: NDArray[np.float64]
+    pedestrian_velocity: NDArray[np.float64]
+    pedestrian_goal: NDArray[np.float64]
+    pedestrian_intent: NDArray[np.int64]
+    pedestrian_switch_time: NDArray[np.float64]
+    inference_s: NDArray[np.float64]
+    outcome: Outcome
+    contact: Contact | None = None
+    error: str | None = None
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def steps(self) -> int:
+        """T, the number of actions executed."""
+        return len(self.actions)

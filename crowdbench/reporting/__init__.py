@@ -1,0 +1,1 @@
+"""Turning stored numbers into tables, figures and pages."""

@@ -1,0 +1,304 @@
+"""Scenarios: everything a scenario file may say, with units and ranges.
+
+A scenario file is YAML; ``extends: NAME`` starts from another scenario, and any field can be
+overridden (``pedestrians.count=12``) from the command line or from Python. Unknown keys and
+values out of range are refused with an error that names the file, the field and what is allowed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+Range = tuple[float, float]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be used; the message names the file or field and what is allowed."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+    @model_validator(mode="after")
+    def _ranges_are_ordered(self) -> _Section:
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if isinstance(value, tuple) and len(value) == 2 and value[0] > value[1]:
+                raise ValueError(f"{name}: the lower bound {value[0]} exceeds the upper {value[1]}")
+        return self
+
+
+class Arena(_Section):
+    """Where the scene takes place; the origin is its centre, a corridor runs along x."""
+
+    kind: Literal["open", "corridor"] = "open"
+    length: Positive = Field(10.0, le=200, description="extent along x [m]")
+    width: Positive = Field(10.0, le=200, description="extent along y [m]")
+
+
+class Robots(_Section):
+    """The robots: differential drive, rectangular footprint."""
+
+    count: int = Field(1, ge=1, le=32)
+    length: Positive = Field(0.4, le=5, description="footprint along the heading [m]")
+    width: Positive = Field(0.3, le=5, description="footprint across the heading [m]")
+    speed: Range = Field((0.0, 1.0), description="forward speed v [m/s]")
+    turn_rate: Range = Field((-1.5, 1.5), description="turn rate w [rad/s], left positive")
+    acceleration: tuple[Positive, Positive] | None = Field(
+        None, description="limits on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2]; none by default"
+    )
+    travel: Positive = Field(8.0, le=200, description="straight distance from start to goal [m]")
+    goal_tolerance: Positive = Field(0.3, le=5, description="arrival distance [m]")
+
+
+class Lidar(_Section):
+    """A planar LiDAR at the robot's centre."""
+
+    beams: int = Field(180, ge=1, le=4096)
+    field_of_view: Positive = Field(360.0, le=360, description="[deg]")
+    range: Positive = Field(6.0, le=100, description="largest distance reported [m]")
+    noise: NonNegative = Field(0.0, le=1, description="standard deviation of a distance [m]")
+    dropout: Share = Field(0.0, description="share of beams that report the full range")
+
+
+class Obstacles(_Section):
+    """Static round obstacles, placed at random."""
+
+    count: int = Field(0, ge=0, le=200)
+    radius: Range = Field((0.3, 0.5), description="[m]")
+
+
+class Pedestrians(_Section):
+    """The people: how many, how they walk, what they want and whom they see."""
+
+    count: int = Field(8, ge=0, le=500)
+    radius: Positive = Field(0.25, le=2, description="[m]")
+    speed: Range = Field((0.3, 0.6), description="preferred walking speed, drawn per person [m/s]")
+    model: Literal["orca", "social_force", "straight"] = "orca"
+    control: Literal["scripted", "agents"] = Field(
+        "scripted", description="agents: each pedestrian is a PettingZoo agent too"
+    )
+    reactive: Share = Field(1.0, description="share of the people who see the robot")
+    field_of_view: Positive = Field(
+        220.0, le=360, description="within which a reactive pedestrian sees the robot [deg]"
+    )
+    responsibility: Share = Field(
+        0.5, description="share of an evasion that a pedestrian takes on when meeting the robot"
+    )
+    goals: Literal["unimodal", "multimodal"] = "unimodal"
+    switch_probability: Share = Field(
+        0.5, description="multimodal: chance that a leg is interrupted, half of them to return"
+    )
+    leg: Positive = Field(4.0, le=200, description="least distance from a leg's start to its goal [m]")
+    on_arrival: Literal["new_goal", "stop"] = "new_goal"
+    spawn_clearance: NonNegative = Field(
+        1.0, description="least gap between a pedestrian and a robot's start, surfaces [m]"
+    )
+
+
+class Reward(_Section):
+    """Weights of R = R_goal + R_collision + R_social (paper, section III.B)."""
+
+    arrival: float = Field(20.0, description="r_arrival")
+    progress: float = Field(9.0, description="w_1, per metre nearer to the goal")
+    collision: float = Field(-20.0, description="r_collision")
+    proximity: float = Field(-0.4, description="w_2, times 1 - d / proximity_range")
+    proximity_range: Positive = Field(1.25, description="r + 1 m [m]")
+    social: NonNegative = Field(0.2, description="w_3; 0 switches the social term off")
+    social_radius: Positive = Field(1.2, description="r_s, between centres [m]")
+    social_horizon: Positive = Field(2.0, description="how far the interaction is predicted [s]")
+
+
+class Scenario(_Section):
+    """One world to be crossed, complete and immutable.
+
+    Together with an episode seed it fixes everything that happens except what agents decide.
+    """
+
+    name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9_.-]+$")
+    description: str = ""
+    control_period: Positive = Field(0.2, le=2, description="time between two actions [s]")
+    substeps: int = Field(4, ge=1, le=50, description="physics steps per control period")
+    time_limit: Positive = Field(40.0, le=3600, description="after which an episode ends [s]")
+    arena: Arena = Arena()
+    robots: Robots = Robots()
+    lidar: Lidar = Lidar()
+    obstacles: Obstacles = Obstacles()
+    pedestrians: Pedestrians = Pedestrians()
+    reward: Reward = Reward()
+
+    @property
+    def max_steps(self) -> int:
+        """Control steps until the time limit."""
+        return max(1, round(self.time_limit / self.control_period))
+
+    @property
+    def digest(self) -> str:
+        """12 hex digits that change whenever anything about the world changes.
+
+        Name, description and reward weights are left out: they do not change what happens.
+        """
+        world = self.model_dump(exclude={"name", "description", "reward"})
+        return hashlib.sha256(json.dumps(world, sort_keys=True).encode()).hexdigest()[:12]
+
+    def override(self, changes: Mapping[str, Any]) -> Scenario:
+        """Return a copy with some fields replaced, e.g. ``{"pedestrians.count": 12}``.
+
+        Raises:
+            ScenarioError: unknown field or value out of range.
+        """
+        document = self.model_dump()
+        for key, value in changes.items():
+            _assign(document, key, value)
+        return _validate(document, source="override")
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios that come with crowdbench, in the order of the paper's tables."""
+    documents = {path.name[:-5]: _parse(path) for path in _folder().iterdir() if _is_yaml(path)}
+    listed = [name for name, document in documents.items() if not document.get("abstract")]
+    return sorted(listed, key=lambda name: (documents[name].get("order", 99), name))
+
+
+def load_scenario(name: str | Path | Scenario, **changes: Any) -> Scenario:
+    """Load a scenario by name or from a YAML file, with some fields replaced.
+
+    Args:
+        name: a built-in scenario, the path of a ``.yaml`` file, or a Scenario.
+        changes: nested sections (``pedestrians={"count": 12}``) or dotted keys.
+
+    Raises:
+        ScenarioError: unknown name (the nearest are listed), unknown key or value out of range.
+    """
+    if isinstance(name, Scenario):
+        return name.override(_flatten(changes)) if changes else name
+    document = _resolve(str(name), base=None, seen=())
+    for key, value in _flatten(changes).items():
+        _assign(document, key, value)
+    return _validate(document, source=str(name))
+
+
+def parse_overrides(items: list[str]) -> dict[str, Any]:
+    """Read ``["pedestrians.count=12", ...]`` as given on a command line; values are YAML.
+
+    Raises:
+        ScenarioError: an item without ``=`` or whose value is not YAML.
+    """
+    changes: dict[str, Any] = {}
+    for item in items:
+        key, separator, text = item.partition("=")
+        if not separator or not key.strip():
+            raise ScenarioError(f"--set {item!r}: expected key=value, e.g. pedestrians.count=12")
+        try:
+            changes[key.strip()] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ScenarioError(f"--set {item!r}: {text!r} is not a YAML value") from error
+    return changes
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """Say what may have been meant: ``"; did you mean 'x'?"`` or the list of known words."""
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+
+
+def _folder() -> Any:
+    return resources.files("crowdbench_scenarios")
+
+
+def _is_yaml(path: Any) -> bool:
+    return str(path.name).endswith(".yaml")
+
+
+def _parse(path: Any) -> dict[str, Any]:
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read ({error.strerror})") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: not a YAML file ({error})") from error
+    if not isinstance(document, dict):
+        raise ScenarioError(f"{path}: expected 'key: value' lines, got {type(document).__name__}")
+    return document
+
+
+def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, Any]:
+    """Read a document with everything it extends merged beneath it."""
+    is_path = name.endswith((".yaml", ".yml"))
+    path: Any = (base / name if base else Path(name)) if is_path else _folder() / f"{name}.yaml"
+    if not path.is_file():
+        if is_path:
+            raise ScenarioError(f"scenario file {str(path)!r} does not exist")
+        raise ScenarioError(f"unknown scenario {name!r}{nearest(name, scenario_names())}")
+    if str(path) in seen:
+        raise ScenarioError(f"{path}: extends itself ({' -> '.join((*seen, str(path)))})")
+    document = _parse(path)
+    parent = document.pop("extends", None)
+    document.pop("abstract", None)
+    document.pop("order", None)
+    document.setdefault("name", Path(name).stem)
+    if parent is None:
+        return document
+    if not isinstance(parent, str):
+        raise ScenarioError(f"{path}: extends: expected the name of a scenario, got {parent!r}")
+    beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, str(path)))
+    return _merge(beneath, document)
+
+
+def _merge(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merge(merged[key], value) if both else value
+    return merged
+
+
+def _flatten(changes: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in changes.items():
+        if isinstance(value, Mapping):
+            flat |= _flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _assign(document: dict[str, Any], key: str, value: Any) -> None:
+    *sections, field = key.split(".")
+    for section in sections:
+        document = document.setdefault(section, {})
+        if not isinstance(document, dict):
+            raise ScenarioError(f"{key}: {section!r} is a value, not a section")
+    document[field] = value
+
+
+def _validate(document: dict[str, Any], source: str) -> Scenario:
+    try:
+        return Scenario.model_validate(document)
+    except ValidationError as error:
+        lines = [_explain(item) for item in error.errors()]
+        raise ScenarioError(f"scenario {source!r}: " + "; ".join(lines)) from error
+
+
+def _explain(item: Any) -> str:
+    """One pydantic error as a sentence with the dotted field and, for typos, the nearest name."""
+    parts = [str(part) for part in item["loc"] if isinstance(part, str)]
+    field = ".".join(parts)
+    if item["type"] == "extra_forbidden":
+        section: Any = Scenario
+        for part in parts[:-1]:
+            section = section.model_fields[part].annotation
+        return f"unknown key {field!r}{nearest(parts[-1], list(section.model_fields))}"
+    return f"{field}: {item['msg']} (got {item['input']!r})" if field else str(item["msg"])

@@ -1,0 +1,1 @@
+"""The crowd: bodies, people, sensors and the environments built on them."""

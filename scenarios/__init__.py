@@ -1,0 +1,1 @@
+"""The scenarios that come with crowdbench, one YAML file each."""
