@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
     from crowdbench.simulation.env import CrowdEnv, parallel_env
     from crowdbench.simulation.gym_env import CrowdNavEnv
+    from crowdbench.simulation.orca import orca_velocities
 
 _LAZY = {
     "CrowdEnv": "crowdbench.simulation.env",
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
     "Episode": "crowdbench.evaluation.episode",
+    "orca_velocities": "crowdbench.simulation.orca",
     "parallel_env": "crowdbench.simulation.env",
 }
 
@@ -36,6 +38,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "load_scenario",
+    "orca_velocities",
     "parallel_env",
     "scenario_names",
 ]
