@@ -1,1 +1,1 @@
-"""The latent_planner agent."""
+"""The paper's planner: MPPI in a learned latent space, guided by a learned policy."""

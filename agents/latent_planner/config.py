@@ -1,0 +1,171 @@
+"""Configuration of the latent planner: the paper's values as defaults, config.yaml as shipped.
+
+Every field says its unit where it has one. Unknown keys and values out of range are refused.
+docs/training.md gives the measurement behind each value that differs from the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from crowdbench_agents.perception import MapGeometry
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message names the field and what is allowed."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Perception(_Section):
+    """The stacked obstacle map."""
+
+    cells: int = Field(48, ge=16, multiple_of=16, description="cells along each side")
+    size: Positive = Field(6.0, description="side length [m]")
+    ahead: NonNegative = Field(4.0, description="from the robot to the front edge [m]")
+
+    @property
+    def geometry(self) -> MapGeometry:
+        """Where the map lies in the robot frame."""
+        return MapGeometry(self.cells, self.size, self.ahead)
+
+
+class Model(_Section):
+    """Sizes and forms of the networks."""
+
+    latent: Count = Field(256, description="d, features of z")
+    hidden: Count = Field(256, description="hidden units of reward, Q and policy")
+    dynamics_hidden: Count = Field(256, description="hidden units of the dynamics")
+    dynamics: Literal["plain", "residual"] = Field(
+        "plain", description="z' = norm(f(z, a)), or norm(z + f(z, a)) with f starting at zero"
+    )
+    latent_norm: Literal["none", "layer", "simplex"] = Field(
+        "none", description="simplex: softmax over groups of 8 (SimNorm, TD-MPC2)"
+    )
+
+
+class Planner(_Section):
+    """MPPI in latent space."""
+
+    horizon: Count = Field(6, description="H, steps")
+    iterations: Count = Field(6)
+    candidates: Count = Field(512)
+    elites: Count = Field(64)
+    policy_share: Share = Field(0.05, description="share of the candidates from the policy")
+    temperature: Positive = Field(0.5, description="of the weights among elites, in Q scales")
+    min_std: Positive = Field(0.05, description="of an action normalised to [-1, 1]")
+    max_std: Positive = Field(1.0, description="of an action normalised to [-1, 1]")
+    smoothness_weight: NonNegative = Field(
+        0.1, description="lambda_smooth, on the squared change of (v [m/s], w [rad/s])"
+    )
+
+
+class Loss(_Section):
+    """Weights of the losses (paper, section III.B) and of what was added to them."""
+
+    reward: NonNegative = Field(0.5, description="c_1")
+    value: NonNegative = Field(0.1, description="c_2")
+    consistency: NonNegative = Field(2.0, description="c_3, on the mean over latent features")
+    termination: NonNegative = Field(0.5, description="binary cross-entropy of the end")
+    discount: Share = Field(0.97, description="gamma, per control step")
+    horizon_decay: Share = Field(0.7, description="lambda and rho, per step of the rollout")
+    n_step: Count = Field(1, description="rewards summed before the target value")
+    twin_minimum: bool = Field(True, description="the smaller of the two target Qs")
+    imitation: NonNegative = Field(1.0, description="lambda, on |a - a_reference|^2")
+    entropy: NonNegative = Field(0.01, description="alpha, or its start when it is tuned")
+    entropy_target: float | None = Field(None, description="nats; None keeps alpha fixed")
+
+
+class Training(_Section):
+    """The trainer."""
+
+    environments: Count = Field(32, description="stepped together")
+    planning_environments: int = Field(16, ge=0, description="in which MPPI acts")
+    planning_candidates: Count = Field(128)
+    planning_iterations: Count = Field(3)
+    epsilon_start: Share = Field(0.5)
+    epsilon_end: Share = Field(0.05)
+    epsilon_decisions: Count = Field(25_000)
+    noise: NonNegative = Field(0.4, description="std of the exploration noise, actions in [-1, 1]")
+    noise_correlation: Share = Field(0.8, description="of the noise from one step to the next")
+    batch: Count = Field(64, description="sequences of H + 1 observations per update")
+    collision_share: Share = Field(0.0, description="of the sequences that end in a collision")
+    updates_per_step: Positive = Field(1.0, description="updates per step of all environments")
+    replay: Count = Field(400_000, description="transitions kept")
+    warmup: int = Field(5_000, ge=0, description="transitions before the first update")
+    reflect: bool = Field(False, description="left-right reflection of half of the sequences")
+    reward_scale: Positive = Field(1.0, description="factor on the environment's rewards")
+    learning_rate_model: Positive = Field(1e-4, description="encoder and dynamics")
+    learning_rate: Positive = Field(3e-4, description="the other networks")
+    gradient_clip: Positive = Field(10.0)
+    target_rate: Share = Field(0.01, description="of the slow target parameters, per update")
+    demonstrations: int = Field(0, ge=0, description="transitions of scripted agents at the start")
+    bfloat16: bool = Field(False, description="matrix products and convolutions in bfloat16")
+
+
+class Config(_Section):
+    """Everything about a latent planner and its training."""
+
+    perception: Perception = Perception()
+    model: Model = Model()
+    planner: Planner = Planner()
+    loss: Loss = Loss()
+    training: Training = Training()
+
+    def override(self, changes: Mapping[str, Any]) -> Config:
+        """Return a copy with some fields replaced, e.g. ``{"planner.horizon": 3}``.
+
+        Raises:
+            ConfigError: unknown field or value out of range.
+        """
+        document = self.model_dump()
+        for key, value in changes.items():
+            section, _, field = key.partition(".")
+            document.setdefault(section, {})
+            if not isinstance(document[section], dict) or not field:
+                raise ConfigError(f"{key}: expected section.field, e.g. planner.horizon")
+            document[section][field] = value
+        return parse_config(document, source="override")
+
+
+def load_config(path: str | Path | None = None) -> Config:
+    """Read a configuration file; without a path, the shipped one.
+
+    Raises:
+        ConfigError: unreadable file, unknown key or value out of range.
+    """
+    path = Path(path) if path else Path(__file__).parent / "config.yaml"
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    if not isinstance(document, dict):
+        raise ConfigError(f"{path}: expected sections {', '.join(Config.model_fields)}")
+    return parse_config(document, source=str(path))
+
+
+def parse_config(document: Mapping[str, Any], source: str) -> Config:
+    """Check a configuration.
+
+    Raises:
+        ConfigError: the message names the source, the field and what is allowed.
+    """
+    try:
+        return Config.model_validate(document)
+    except ValidationError as error:
+        lines = [
+            f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {item['input']!r})"
+            for item in error.errors()
+        ]
+        raise ConfigError(f"{source}: " + "; ".join(lines)) from error
