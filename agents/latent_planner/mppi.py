@@ -1,0 +1,135 @@
+"""MPPI in latent space (paper, section III.C), plain form, for several robots at once.
+
+Candidate action sequences are drawn from a time-dependent Gaussian and from the policy, rolled
+out with the world model, scored by predicted rewards, a final Q and a smoothness penalty, and the
+best of them move the Gaussian.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import torch
+from crowdbench_agents.latent_planner.config import Planner
+from crowdbench_agents.latent_planner.world_model import ACTION, WorldModel
+from torch import Tensor
+
+Score = Literal["reward_q", "reward", "q"]
+
+
+class Plan(NamedTuple):
+    """The outcome of planning for M robots.
+
+    Attributes:
+        actions: (M, H, 2) planned actions in [-1, 1], the Gaussian's final mean.
+        std: (M, H, 2) the Gaussian's final standard deviation.
+        score: (M,) of the best candidate in the last iteration.
+    """
+
+    actions: Tensor
+    std: Tensor
+    score: Tensor
+
+
+@torch.no_grad()
+def plan(
+    model: WorldModel,
+    z: Tensor,
+    previous: Tensor,
+    settings: Planner,
+    discount: float,
+    half_range: Tensor,
+    generator: torch.Generator,
+    warm_start: Tensor | None = None,
+    score: Score = "reward_q",
+) -> Plan:
+    """Optimise action sequences for M robots.
+
+    Args:
+        model: the world model.
+        z: (M, latent) current latent states.
+        previous: (M, 2) the actions executed last, in [-1, 1].
+        settings: horizon H, candidates, elites, iterations, weights.
+        discount: gamma per step.
+        half_range: (2,) half the range of v [m/s] and w [rad/s]: converts changes to physical ones.
+        generator: of all noise.
+        warm_start: (M, H, 2) initial mean, e.g. the previous plan moved on by what was executed.
+        score: which of the predicted terms count.
+    """
+    robots, horizon = len(z), settings.horizon
+    guided = round(settings.policy_share * settings.candidates)
+    free = settings.candidates - guided
+    mean = torch.zeros(robots, horizon, ACTION) if warm_start is None else warm_start
+    std = torch.full_like(mean, settings.max_std)
+
+    def draw(*shape: int) -> Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    from_policy = _policy_rollouts(model, z, draw(robots, guided, horizon, ACTION))
+    for _ in range(settings.iterations):
+        sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
+        candidates = torch.cat([from_policy, sampled.clamp(-1, 1)], dim=1)
+        scores = evaluate(
+            model, z, candidates, previous, settings.smoothness_weight, discount, half_range, score
+        )
+        best, indices = scores.topk(min(settings.elites, settings.candidates), dim=1)
+        elites = candidates.gather(1, indices[..., None, None].expand(-1, -1, horizon, ACTION))
+        weights = torch.softmax(best / settings.temperature, dim=1)[..., None, None]
+        mean = (weights * elites).sum(dim=1)
+        variance = (weights * (elites - mean[:, None]).square()).sum(dim=1)
+        std = variance.sqrt().clamp(settings.min_std, settings.max_std)
+    return Plan(mean, std, best[:, 0])
+
+
+@torch.no_grad()
+def evaluate(
+    model: WorldModel,
+    z: Tensor,
+    candidates: Tensor,
+    previous: Tensor,
+    smoothness_weight: float,
+    discount: float,
+    half_range: Tensor,
+    score: Score = "reward_q",
+) -> Tensor:
+    """phi of the paper for candidates (M, N, H, 2) from states z (M, latent): (M, N).
+
+    Rewards and the final Q count only as far as the episode is predicted to go on.
+    """
+    robots, count, horizon, _ = candidates.shape
+    z = z[:, None].expand(-1, count, -1)
+    total = torch.zeros(robots, count)
+    weight = torch.ones(robots, count)
+    for t in range(horizon):
+        action = candidates[:, :, t]
+        if score != "q":
+            reward, end = model.reward_and_end(z, action)
+            total = total + weight * reward.float()
+            weight = weight * discount * torch.sigmoid(-end.float())
+        z = model.next(z, action)
+    if score != "reward":
+        total = total + weight * model.q(z, model.act(z)).float().mean(dim=0)
+    return total - smoothness_weight * roughness(candidates, previous, half_range)
+
+
+def roughness(candidates: Tensor, previous: Tensor, half_range: Tensor) -> Tensor:
+    """P of the paper: sum over time of the squared change of (v [m/s], w [rad/s]).
+
+    Args:
+        candidates: (M, N, H, 2) in [-1, 1].
+        previous: (M, 2) the actions before the first, in [-1, 1].
+        half_range: (2,) physical size of a change by one.
+    """
+    before = torch.cat([previous[:, None, None].expand_as(candidates[:, :, :1]), candidates], dim=2)
+    return (before.diff(dim=2) * half_range).square().sum(dim=(2, 3))
+
+
+def _policy_rollouts(model: WorldModel, z: Tensor, noise: Tensor) -> Tensor:
+    """Action sequences (M, N, H, 2) of the policy from states z, noise of that shape."""
+    z = z[:, None].expand(-1, noise.shape[1], -1)
+    actions = []
+    for t in range(noise.shape[2]):
+        action, _ = model.sample(z, noise[:, :, t])
+        actions.append(action)
+        z = model.next(z, action)
+    return torch.stack(actions, dim=2)
