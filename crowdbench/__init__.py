@@ -9,6 +9,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+import gymnasium
+import pettingzoo
+
 from crowdbench.agent import Action, Agent, AgentSpec, Observation, RobotSpec
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 
@@ -42,6 +45,10 @@ __all__ = [
     "parallel_env",
     "scenario_names",
 ]
+
+
+pettingzoo.register("parallel", "crowdbench/crowd-v0", "crowdbench.simulation.env:parallel_env")
+gymnasium.register("CrowdNav-v0", "crowdbench.simulation.gym_env:CrowdNavEnv")
 
 
 def __getattr__(name: str) -> Any:

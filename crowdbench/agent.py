@@ -106,7 +106,7 @@ def lidar_angles(scenario: Scenario) -> NDArray[np.float64]:
     """
     beams, view = scenario.lidar.beams, np.deg2rad(scenario.lidar.field_of_view)
     if scenario.lidar.field_of_view >= 360:
-        return np.arange(beams) * (2 * np.pi / beams)
+        return np.arange(beams, dtype=np.float64) * (2 * np.pi / beams)
     return np.linspace(-view / 2, view / 2, beams) if beams > 1 else np.zeros(1)
 
 
@@ -154,7 +154,10 @@ class Agent(ABC):
 
 @dataclass(frozen=True)
 class AgentSpec:
-    """An agent as named on a command line: ``name[:option=value,...]`` or ``file.py:Class[:...]``."""
+    """An agent as named on a command line.
+
+    ``name[:option=value,...]`` or ``file.py:Class[:option=value,...]``.
+    """
 
     name: str
     options: Mapping[str, Any]
@@ -241,7 +244,9 @@ def _from_file(path: Path, class_name: str) -> type[Agent]:
     classes = {
         key: value
         for key, value in vars(module).items()
-        if inspect.isclass(value) and issubclass(value, Agent) and value.__module__ == module.__name__
+        if inspect.isclass(value)
+        and issubclass(value, Agent)
+        and value.__module__ == module.__name__
     }
     if not class_name and len(classes) == 1:
         return next(iter(classes.values()))

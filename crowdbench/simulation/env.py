@@ -1,0 +1,359 @@
+"""CrowdEnv: robots with LiDAR among pedestrians, as a PettingZoo parallel environment.
+
+Description
+    One or more differential-drive robots each have to reach a goal on the far side of a crowd (or
+    of a corridor) without touching anybody or anything. Pedestrians walk to goals of their own; a
+    share of them sees the robots and evades them. What the crowd is like is a scenario's matter.
+
+Action space
+    Robots: ``Box(2,)``, forward speed v [m/s] and turn rate w [rad/s]. Out-of-range actions are
+    clipped; a non-finite or wrongly shaped one is refused with an error that names the agent.
+    With ``pedestrians.control: agents``, pedestrians are agents too: ``Box(2,)``, desired velocity
+    [m/s] in the world frame; a pedestrian without an action walks by itself.
+
+Observation space
+    Robots: ``Dict`` of float32: ``lidar`` (beams,) [m], ``velocity`` (2,) v [m/s] and w [rad/s],
+    ``goal`` (2,) [m] in the robot frame, ``pose`` (3,) odometry since reset [m, m, rad].
+    Pedestrians: ``Dict`` of float32, all relative to the pedestrian in world axes: ``velocity``
+    (2,) [m/s], ``goal`` (2,) [m], ``robots`` (R, 4) and ``pedestrians`` (P - 1, 4): position [m]
+    and velocity [m/s] of the others.
+
+Starting state
+    Drawn from the episode seed: robots ``robots.travel`` metres from their goals, obstacles and
+    pedestrians at random without overlaps, everybody already walking.
+
+Rewards
+    Robots: R = R_goal + R_collision + R_social (paper, section III.B), weights in the scenario.
+    Pedestrian agents: metres gained towards their current goal.
+
+Episode end
+    A robot terminates on arrival (within ``robots.goal_tolerance``) or on any contact, and leaves
+    the scene. Everybody still there is truncated at ``time_limit``, pedestrian agents as soon as
+    the last robot is gone.
+
+Information
+    ``infos[robot]``: ``outcome`` (``running``, ``success``, ``collision`` or ``timeout``),
+    ``reward_terms`` by name, ``contact`` (a Contact or None).
+
+Arguments
+    ``crowdbench.parallel_env(scenario, render_mode=None, **overrides)``: a scenario by name, file
+    or object; ``human`` or ``rgb_array``; scenario fields by name (``pedestrians={"count": 12}``).
+
+Version history
+    v0: first release.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from crowdbench.agent import RobotSpec, lidar_angles
+from crowdbench.scenario import Scenario, load_scenario
+from crowdbench.simulation import observations, streams
+from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
+from crowdbench.simulation.reward import collision_term, goal_term, social_term
+from crowdbench.simulation.world import World
+
+RenderMode = Literal["human", "rgb_array"]
+
+PEDESTRIAN_TOP_SPEED = 2.0
+"""Limit on either component of a pedestrian agent's velocity [m/s]."""
+
+
+def parallel_env(
+    scenario: str | Path | Scenario = "multimodal_fast",
+    render_mode: RenderMode | None = None,
+    **overrides: Any,
+) -> CrowdEnv:
+    """Make the PettingZoo parallel environment of a scenario.
+
+    Args:
+        scenario: name of a built-in scenario, path of a YAML file, or a Scenario.
+        render_mode: ``human``, ``rgb_array`` or None.
+        overrides: scenario fields, nested (``pedestrians={"count": 12}``) or dotted.
+
+    Raises:
+        ScenarioError: unknown scenario or field, or a value out of range.
+    """
+    return CrowdEnv(load_scenario(scenario, **overrides), render_mode=render_mode)
+
+
+class CrowdEnv(ParallelEnv):
+    """See the module's docstring."""
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo's, adapted per instance
+        "name": "crowdbench/crowd-v0",
+        "render_modes": ["human", "rgb_array"],
+        "is_parallelizable": True,
+        "render_fps": 5,
+    }
+
+    def __init__(self, scenario: Scenario, render_mode: RenderMode | None = None) -> None:
+        """Prepare the spaces; the world is built by ``reset``."""
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            modes = self.metadata["render_modes"]
+            raise ValueError(f"render_mode {render_mode!r}: expected None or one of {modes}")
+        self.scenario = scenario
+        self.render_mode = render_mode
+        self.metadata = {**type(self).metadata, "render_fps": round(1 / scenario.control_period)}
+        self._robots = [f"robot_{r}" for r in range(scenario.robots.count)]
+        self._steered = scenario.pedestrians.control == "agents"
+        walkers = [f"pedestrian_{p}" for p in range(scenario.pedestrians.count)]
+        self._walkers = {name: p for p, name in enumerate(walkers)} if self._steered else {}
+        self.possible_agents = [*self._robots, *self._walkers]
+        self.agents: list[str] = []
+        self.action_spaces, self.observation_spaces = observations.agent_spaces(
+            scenario, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED
+        )
+        self.state_space = observations.state_space(scenario)
+        self._limits = np.array([scenario.robots.speed, scenario.robots.turn_rate]).T
+        self._beams = beam_table(lidar_angles(scenario))
+        self._next_seed: np.random.Generator | None = None
+        self._renderer: Any = None
+        self._world: World | None = None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """The agent's observation space, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """The agent's action space, always the same object."""
+        return self.action_spaces[agent]
+
+    def robot_spec(self, agent: str = "robot_0") -> RobotSpec:
+        """What a planner may know about a robot."""
+        return RobotSpec.from_scenario(self.scenario, agent)
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: fixes everything that happens except what agents decide; None draws the next
+                one from the last seed given (or from the operating system).
+            options: none are known.
+
+        Returns:
+            observations and infos by agent.
+
+        Raises:
+            ScenarioError: the scenario has no room.
+        """
+        if seed is None:
+            if self._next_seed is None:
+                self._next_seed = np.random.default_rng()
+            seed = int(self._next_seed.integers(2**31))
+        else:
+            self._next_seed = streams.next_episode(seed)
+        self._world = World(self.scenario, seed)
+        self._origin = self._world.pose.copy()
+        self._noise = [streams.lidar(seed, r) for r in range(len(self._robots))]
+        self._steps = 0
+        self._scans: dict[str, NDArray[np.float32]] = {}
+        self.agents = list(self.possible_agents)
+        self._distance = np.linalg.norm(self._world.goals - self._world.pose[:, :2], axis=1)
+        self._remaining = self._walker_distances()
+        seen = {name: self._observe(r)[0] for r, name in enumerate(self._robots)}
+        seen |= observations.of_walkers(self._world, self._walkers)
+        terms = {"goal": 0.0, "collision": 0.0, "social": 0.0}
+        infos: dict[str, Any] = {
+            name: {"outcome": "running", "reward_terms": dict(terms), "contact": None}
+            for name in self._robots
+        }
+        if self.render_mode == "human":
+            self.render()
+        return seen, infos | {name: {} for name in self._walkers}
+
+    def step(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Any]]:
+        """Advance everybody by one control period.
+
+        Args:
+            actions: (2,) per robot still in the scene, optionally per pedestrian agent.
+
+        Raises:
+            ValueError: a missing, non-finite or wrongly shaped action, or an unknown agent.
+            RuntimeError: ``reset`` has not been called.
+        """
+        if not self.agents:
+            if self._world is None:
+                raise RuntimeError("call reset() before step()")
+            return {}, {}, {}, {}, {}
+        world = self._world
+        assert world is not None
+        commands, walking = self._read_actions(actions)
+        world.step(commands, walking)
+        self._steps += 1
+        late = self._steps >= self.scenario.max_steps
+        seen: dict[str, Any] = {}
+        rewards: dict[str, float] = {}
+        terminations: dict[str, bool] = {}
+        truncations: dict[str, bool] = {}
+        infos: dict[str, Any] = {}
+        for r in np.flatnonzero(world.active).tolist():
+            name = self._robots[r]
+            seen[name], nearest = self._observe(r)
+            terms, outcome = self._judge(r, nearest)
+            rewards[name] = float(sum(terms.values()))
+            terminations[name] = outcome in ("success", "collision")
+            truncations[name] = late and outcome == "running"
+            infos[name] = {
+                "outcome": "timeout" if truncations[name] else outcome,
+                "reward_terms": terms,
+                "contact": world.contacts.get(r),
+            }
+        for name, ended in terminations.items():
+            if ended:
+                world.remove(self._robots.index(name))
+        over = late or not world.active.any()
+        if self._steered:
+            remaining = self._walker_distances()
+            seen |= observations.of_walkers(world, self._walkers)
+            for name, p in self._walkers.items():
+                rewards[name] = float(self._remaining[p] - remaining[p])
+                terminations[name], truncations[name], infos[name] = False, over, {}
+            self._remaining = remaining
+        ended_now = {name for name in seen if terminations[name] or truncations[name]}
+        self.agents = [name for name in self.agents if name not in ended_now]
+        if self.render_mode == "human":
+            self.render()
+        return seen, rewards, terminations, truncations, infos
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything about the world, as copies; keys and shapes as in ``state_space``.
+
+        Hidden intents are included: for privileged agents, replay and tests.
+        """
+        if self._world is None:
+            raise RuntimeError("call reset() before state()")
+        return observations.state(self._world)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the present state: an (H, W, 3) image, or None in ``human`` mode."""
+        if self.render_mode is None or self._world is None:
+            return None
+        if self._renderer is None:
+            from crowdbench.simulation.rendering import Renderer
+
+            self._renderer = Renderer(self.scenario, self.render_mode)
+        return self._renderer.draw(self.state(), self._scans)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _read_actions(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]:
+        commands, walking = np.zeros((len(self._robots), 2)), {}
+        for name in actions:
+            if name not in self.possible_agents:
+                raise ValueError(f"action for unknown agent {name!r}; live: {self.agents}")
+        assert self._world is not None
+        for r in np.flatnonzero(self._world.active):
+            name = self._robots[r]
+            if name not in actions:
+                raise ValueError(f"no action for agent {name!r}")
+            commands[r] = _checked(name, actions[name])
+        for name, p in self._walkers.items():
+            if actions.get(name) is not None:
+                velocity = _checked(name, actions[name])
+                walking[p] = np.clip(velocity, -PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED)
+        low, high = self._limits
+        return np.minimum(np.maximum(commands, low), high), walking
+
+    def _observe(self, r: int) -> tuple[dict[str, NDArray[np.float32]], float]:
+        """A robot's observation, and its least true LiDAR distance [m]."""
+        world, scenario = self._world, self.scenario
+        assert world is not None
+        segments = world.layout.walls
+        if len(self._robots) > 1:
+            size = scenario.robots.length, scenario.robots.width
+            others = [footprint_segments(world.pose[i], *size) for i in range(len(world.pose))
+                      if i != r and world.active[i]]  # fmt: skip
+            segments = np.vstack([segments, *others])
+        packed = np.empty(len(self._beams) + 7, dtype=np.float32)
+        scan = packed[7:]
+        nearest = cast_rays(
+            world.pose[r],
+            self._beams,
+            world.pedestrians.position,
+            scenario.pedestrians.radius,
+            world.layout.obstacles,
+            segments,
+            scenario.lidar.range,
+            scan,
+        )
+        lidar = scenario.lidar
+        if lidar.noise > 0.0:
+            noisy = scan + self._noise[r].normal(0.0, lidar.noise, len(scan))
+            # A beam that hits nothing has nothing to be noisy about.
+            scan[:] = np.where(scan < lidar.range, np.clip(noisy, 0.0, lidar.range), scan)
+        if lidar.dropout > 0.0:
+            scan[self._noise[r].random(len(scan)) < lidar.dropout] = lidar.range
+        observations.proprioception(
+            world.pose[r], world.velocity[r], world.goals[r], self._origin[r], packed
+        )
+        self._scans[self._robots[r]] = scan
+        return {
+            "lidar": scan,
+            "velocity": packed[0:2],
+            "goal": packed[2:4],
+            "pose": packed[4:7],
+        }, nearest
+
+    def _judge(self, r: int, nearest: float) -> tuple[dict[str, float], str]:
+        """Reward terms and outcome of a robot's step; a contact counts even on arrival."""
+        world, weights = self._world, self.scenario.reward
+        assert world is not None
+        x, y = world.goals[r] - world.pose[r, :2]
+        distance = float(np.hypot(x, y))
+        collided = r in world.contacts
+        arrived = not collided and distance <= self.scenario.robots.goal_tolerance
+        social = 0.0
+        if weights.social > 0.0:
+            social = weights.social * social_term(
+                world.pose[r],
+                world.velocity[r, 0],
+                self.scenario.robots.speed[1],
+                world.pedestrians.position,
+                world.pedestrians.velocity,
+                weights.social_radius,
+                weights.social_horizon,
+            )
+        terms = {
+            "goal": goal_term(weights, arrived, float(self._distance[r]) - distance),
+            "collision": collision_term(weights, collided, nearest),
+            "social": social,
+        }
+        self._distance[r] = distance
+        return terms, "collision" if collided else "success" if arrived else "running"
+
+    def _walker_distances(self) -> NDArray[np.float64]:
+        people = self._world.pedestrians if self._world else None
+        if not self._steered or people is None:
+            return np.empty(0)
+        return np.linalg.norm(people.goal - people.position, axis=1)
+
+
+def _checked(name: str, action: Any) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"action of agent {name!r}: {action!r} is not numeric") from error
+    if array.shape != (2,):
+        raise ValueError(f"action of agent {name!r}: expected shape (2,), got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"action of agent {name!r}: expected finite numbers, got {array}")
+    return array

@@ -1,0 +1,142 @@
+"""What leaves the world: observations of robots and pedestrians, the state, and their spaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numba import njit
+from numpy.typing import NDArray
+
+from crowdbench.scenario import Scenario
+from crowdbench.simulation.contact import INTENTS
+from crowdbench.simulation.world import World
+
+
+def agent_spaces(
+    scenario: Scenario, robots: list[str], walkers: list[str], top_speed: float
+) -> tuple[dict[str, spaces.Space[Any]], dict[str, spaces.Space[Any]]]:
+    """Action and observation spaces by agent; agents of a kind share theirs."""
+    body = scenario.robots
+    low, high = np.array([body.speed, body.turn_rate], dtype=np.float32).T
+    drive = spaces.Box(low, high, dtype=np.float32)
+    walk = spaces.Box(-top_speed, top_speed, (2,), dtype=np.float32)
+    rest_low, rest_high = np.minimum(low, 0), np.maximum(high, 0)
+    sense = spaces.Dict(
+        {
+            "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
+            "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
+            "goal": _unbounded(2),
+            "pose": _unbounded(3),
+        }
+    )
+    others = max(0, scenario.pedestrians.count - 1)
+    look = spaces.Dict(
+        {
+            "velocity": _unbounded(2),
+            "goal": _unbounded(2),
+            "robots": _unbounded(body.count, 4),
+            "pedestrians": _unbounded(others, 4),
+        }
+    )
+    actions: dict[str, spaces.Space[Any]] = dict.fromkeys(robots, drive)
+    seen: dict[str, spaces.Space[Any]] = dict.fromkeys(robots, sense)
+    return actions | dict.fromkeys(walkers, walk), seen | dict.fromkeys(walkers, look)
+
+
+def state_space(scenario: Scenario) -> spaces.Dict:
+    """Space of ``CrowdEnv.state()``: R robots, P pedestrians, K obstacles, S walls."""
+    r, p, k = scenario.robots.count, scenario.pedestrians.count, scenario.obstacles.count
+    walls = 2 if scenario.arena.kind == "corridor" else 0
+
+    def real(*shape: int) -> spaces.Box:
+        return spaces.Box(-np.inf, np.inf, shape, np.float64)
+
+    return spaces.Dict(
+        {
+            "time": real(),
+            "robot_pose": real(r, 3),
+            "robot_velocity": real(r, 2),
+            "robot_goal": real(r, 2),
+            "robot_active": spaces.Box(0, 1, (r,), np.bool_),
+            "pedestrian_position": real(p, 2),
+            "pedestrian_velocity": real(p, 2),
+            "pedestrian_goal": real(p, 2),
+            "pedestrian_start": real(p, 2),
+            "pedestrian_speed": real(p),
+            "pedestrian_intent": spaces.Box(0, len(INTENTS) - 1, (p,), np.int64),
+            "pedestrian_switch_time": real(p),
+            "pedestrian_next_goal": real(p, 2),
+            "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
+            "obstacles": real(k, 3),
+            "walls": real(walls, 4),
+        }
+    )
+
+
+def state(world: World) -> dict[str, NDArray[Any]]:
+    """Copies of everything in the world, keyed as in ``state_space``."""
+    people = world.pedestrians
+    return {
+        "time": np.array(world.time),
+        "robot_pose": world.pose.copy(),
+        "robot_velocity": world.velocity.copy(),
+        "robot_goal": world.goals.copy(),
+        "robot_active": world.active.copy(),
+        "pedestrian_position": people.position.copy(),
+        "pedestrian_velocity": people.velocity.copy(),
+        "pedestrian_goal": people.goal.copy(),
+        "pedestrian_start": people.start.copy(),
+        "pedestrian_speed": people.speed.copy(),
+        "pedestrian_intent": people.intent.copy(),
+        "pedestrian_switch_time": people.switch_time.copy(),
+        "pedestrian_next_goal": people.next_goal.copy(),
+        "pedestrian_reactive": people.reactive.copy(),
+        "obstacles": world.layout.obstacles.copy(),
+        "walls": world.layout.walls.copy(),
+    }
+
+
+@njit(cache=True)
+def proprioception(
+    pose: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    out: NDArray[np.float32],
+) -> None:
+    """Write velocity (2), goal in the robot frame (2) and odometry since ``origin`` (3)."""
+    out[0], out[1] = velocity[0], velocity[1]
+    x, y = goal[0] - pose[0], goal[1] - pose[1]
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    out[2], out[3] = cosine * x + sine * y, cosine * y - sine * x
+    x, y = pose[0] - origin[0], pose[1] - origin[1]
+    cosine, sine = np.cos(origin[2]), np.sin(origin[2])
+    out[4], out[5] = cosine * x + sine * y, cosine * y - sine * x
+    out[6] = (pose[2] - origin[2] + np.pi) % (2 * np.pi) - np.pi
+
+
+def of_walkers(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+    """Observations of the pedestrians that are agents, relative to each, in world axes."""
+    if not walkers:
+        return {}
+    people = world.pedestrians
+    heading = world.pose[:, 2]
+    moving = world.velocity[:, :1] * np.column_stack([np.cos(heading), np.sin(heading)])
+    robots = np.hstack([world.pose[:, :2], moving])
+    crowd = np.hstack([people.position, people.velocity])
+    seen = {}
+    for name, p in walkers.items():
+        seen[name] = {
+            "velocity": people.velocity[p].astype(np.float32),
+            "goal": (people.goal[p] - people.position[p]).astype(np.float32),
+            "robots": (robots - crowd[p]).astype(np.float32),
+            "pedestrians": (np.delete(crowd, p, axis=0) - crowd[p]).astype(np.float32),
+        }
+    return seen
+
+
+def _unbounded(*shape: int) -> spaces.Box:
+    return spaces.Box(-np.inf, np.inf, shape, np.float32)

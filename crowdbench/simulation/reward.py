@@ -1,0 +1,93 @@
+"""Reward terms of the paper (section III.B): R = R_goal + R_collision + R_social."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from crowdbench.scenario import Reward
+
+WALKING = 0.1
+"""Pedestrians slower than this do not take part in interactions [m/s]."""
+
+
+def goal_term(weights: Reward, arrived: bool, progress: float) -> float:
+    """R_goal: a bonus on arrival, otherwise w_1 times the metres gained (``progress``)."""
+    return weights.arrival if arrived else weights.progress * progress
+
+
+def collision_term(weights: Reward, collided: bool, nearest: float) -> float:
+    """R_collision: a penalty on contact, otherwise w_2 (1 - d / (r + 1 m)) near obstacles.
+
+    Args:
+        weights: of the scenario.
+        collided: the robot touched something.
+        nearest: d, the least LiDAR distance [m].
+    """
+    if collided:
+        return weights.collision
+    return weights.proximity * max(0.0, 1.0 - nearest / weights.proximity_range)
+
+
+@njit(cache=True)
+def social_term(
+    pose: NDArray[np.float64],
+    speed: float,
+    top_speed: float,
+    pedestrian_position: NDArray[np.float64],
+    pedestrian_velocity: NDArray[np.float64],
+    radius: float,
+    horizon: float,
+) -> float:
+    """R_social / w_3: -(1 - d_min / r_s) for cutting in, +(1 - d_min / r_s) for yielding.
+
+    Everybody is predicted at constant velocity over ``horizon``. The robot cuts in when it crosses
+    a walking pedestrian's path ahead of that pedestrian and they come nearer than r_s. It yields
+    when at top speed it would have cut in and at its actual speed it does not; d_min is then the
+    distance of the conflict that was avoided, so that passing close by earns nothing. The
+    strongest interaction counts.
+
+    Args:
+        pose: (3,) robot x, y [m], heading [rad].
+        speed: robot's forward speed [m/s].
+        top_speed: the speed at which not yielding is judged [m/s].
+        pedestrian_position, pedestrian_velocity: (P, 2) [m], [m/s].
+        radius: r_s [m].
+        horizon: [s].
+    """
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    cut, yielded = 0.0, 0.0
+    for p in range(len(pedestrian_position)):
+        walk = np.hypot(pedestrian_velocity[p, 0], pedestrian_velocity[p, 1])
+        x, y = pose[0] - pedestrian_position[p, 0], pose[1] - pedestrian_position[p, 1]
+        reach = (walk + top_speed) * horizon + radius
+        if walk < WALKING or x * x + y * y > reach * reach:
+            continue
+        ux, uy = pedestrian_velocity[p, 0] / walk, pedestrian_velocity[p, 1] / walk
+        # The pedestrian's frame: ahead along its walk, left across it.
+        ahead, left = x * ux + y * uy, y * ux - x * uy
+        forward, across = cosine * ux + sine * uy, sine * ux - cosine * uy
+        now = _cut_in(ahead, left, speed * forward - walk, speed * across, radius, horizon)
+        if now > 0.0:
+            cut = max(cut, now)
+            continue
+        top = _cut_in(ahead, left, top_speed * forward - walk, top_speed * across, radius, horizon)
+        yielded = max(yielded, top)
+    return yielded if cut == 0.0 else -cut
+
+
+@njit(cache=True)
+def _cut_in(
+    ahead: float, left: float, forward: float, across: float, radius: float, horizon: float
+) -> float:
+    """1 - d_min / r_s if the pedestrian's path is crossed ahead of it within reach, else 0."""
+    if left * across >= 0.0:
+        return 0.0
+    crossing = -left / across
+    if crossing > horizon or ahead + forward * crossing <= 0.0:
+        return 0.0
+    squared = forward * forward + across * across
+    nearest = min(max(-(ahead * forward + left * across) / squared, 0.0), horizon)
+    distance = np.hypot(ahead + forward * nearest, left + across * nearest)
+    return max(0.0, 1.0 - distance / radius)

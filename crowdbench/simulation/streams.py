@@ -1,0 +1,41 @@
+"""Where randomness comes from: one seed per episode, one independent stream per purpose.
+
+Streams are spawned by key, not by order, so what one part of the world draws never changes what
+another part draws, whatever the robot does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE = range(5)
+
+
+def layout(seed: int) -> np.random.Generator:
+    """Stream that places robots, obstacles and pedestrians."""
+    return _stream(seed, _LAYOUT)
+
+
+def lidar(seed: int, robot: int) -> np.random.Generator:
+    """Stream of one robot's LiDAR noise."""
+    return _stream(seed, _LIDAR, robot)
+
+
+def pedestrian(seed: int, index: int) -> np.random.Generator:
+    """Stream of one pedestrian: speed, goals and changes of mind."""
+    return _stream(seed, _PEDESTRIAN, index)
+
+
+def next_episode(seed: int) -> np.random.Generator:
+    """Stream of the seeds of later episodes, when ``reset`` is called without one."""
+    return _stream(seed, _NEXT_EPISODE)
+
+
+def agent_seed(seed: int, robot: int = 0) -> int:
+    """Seed given to the agent that drives a robot."""
+    key = np.random.SeedSequence(seed, spawn_key=(_AGENT, robot))
+    return int(key.generate_state(1, np.uint32)[0])
+
+
+def _stream(seed: int, *key: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
