@@ -32,8 +32,9 @@ Episode end
     the last robot is gone.
 
 Information
-    ``infos[robot]``: ``outcome`` (``running``, ``success``, ``collision`` or ``timeout``),
-    ``reward_terms`` by name, ``contact`` (a Contact or None).
+    ``infos[robot]`` after each step: ``outcome`` (``running``, ``success``, ``collision`` or
+    ``timeout``), ``reward_terms`` by name, ``contact`` (a Contact or None). Empty after ``reset``:
+    some libraries take what they find there for numbers.
 
 Arguments
     ``crowdbench.parallel_env(scenario, render_mode=None, **overrides)``: a scenario by name, file
@@ -142,7 +143,7 @@ class CrowdEnv(ParallelEnv):
             options: none are known.
 
         Returns:
-            observations and infos by agent.
+            observations and (empty) infos by agent.
 
         Raises:
             ScenarioError: the scenario has no room.
@@ -163,14 +164,9 @@ class CrowdEnv(ParallelEnv):
         self._remaining = self._walker_distances()
         seen = {name: self._observe(r)[0] for r, name in enumerate(self._robots)}
         seen |= observations.of_walkers(self._world, self._walkers)
-        terms = {"goal": 0.0, "collision": 0.0, "social": 0.0}
-        infos: dict[str, Any] = {
-            name: {"outcome": "running", "reward_terms": dict(terms), "contact": None}
-            for name in self._robots
-        }
         if self.render_mode == "human":
             self.render()
-        return seen, infos | {name: {} for name in self._walkers}
+        return seen, {name: {} for name in self.agents}
 
     def step(
         self, actions: Mapping[str, Any]

@@ -1,0 +1,129 @@
+"""The environments pass the checks of the libraries they are written for, and train with them."""
+
+import gymnasium
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.utils.env_checker import check_env as check_gymnasium
+from pettingzoo.test import (
+    api_test,
+    parallel_api_test,
+    parallel_seed_test,
+    render_test,
+    seed_test,
+)
+from pettingzoo.utils import parallel_to_aec
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env as check_sb3
+from torchrl.envs.libs.pettingzoo import PettingZooWrapper
+from torchrl.envs.utils import check_env_specs
+
+import crowdbench
+
+SMALL = {
+    "one robot": {"scenario": "multimodal_fast", "time_limit": 6.0},
+    "three robots": {"scenario": "corridor_dense", "robots.count": 3, "time_limit": 6.0},
+    "people as agents": {
+        "scenario": "unimodal_slow_nonreactive",
+        "pedestrians": {"control": "agents", "count": 3},
+        "robots.count": 2,
+        "time_limit": 6.0,
+    },
+}
+
+
+@pytest.fixture(params=SMALL.values(), ids=SMALL.keys())
+def arguments(request):
+    return request.param
+
+
+def make_aec(**arguments):
+    return parallel_to_aec(crowdbench.parallel_env(**arguments))
+
+
+def test_pettingzoo_parallel_api(arguments):
+    parallel_api_test(crowdbench.parallel_env(**arguments), num_cycles=200)
+
+
+def test_pettingzoo_aec_api(arguments):
+    api_test(make_aec(**arguments), num_cycles=200)
+
+
+def test_pettingzoo_seeding(arguments):
+    parallel_seed_test(lambda: crowdbench.parallel_env(**arguments), num_cycles=50)
+    seed_test(lambda: make_aec(**arguments), num_cycles=50)
+
+
+def test_pettingzoo_rendering(arguments):
+    render_test(lambda render_mode=None: make_aec(render_mode=render_mode, **arguments))
+
+
+def test_pettingzoo_knows_the_environment_by_name():
+    environment = pettingzoo.make("parallel", "crowdbench/crowd-v0", scenario="corridor_sparse")
+    assert environment.unwrapped.scenario.name == "corridor_sparse"
+
+
+def make_gymnasium(**arguments):
+    return gymnasium.make("crowdbench:CrowdNav-v0", scenario="multimodal_fast", **arguments)
+
+
+def test_gymnasium_check():
+    check_gymnasium(make_gymnasium(render_mode="rgb_array").unwrapped)
+
+
+def test_stable_baselines3_check():
+    check_sb3(make_gymnasium(time_limit=4.0))
+
+
+def test_the_gymnasium_view_is_the_parallel_environment():
+    view = make_gymnasium()
+    crowd = crowdbench.parallel_env("multimodal_fast")
+    seen, _ = view.reset(seed=5)
+    expected, _ = crowd.reset(seed=5)
+    rng = np.random.default_rng(0)
+    while crowd.agents:
+        for key, value in expected["robot_0"].items():
+            np.testing.assert_array_equal(seen[key], value)
+        action = rng.uniform([0.0, -1.5], [1.0, 1.5]).astype(np.float32)
+        seen, reward, terminated, truncated, info = view.step(action)
+        expected, rewards, terminations, truncations, infos = crowd.step({"robot_0": action})
+        assert (reward, terminated, truncated, info["outcome"]) == (
+            rewards["robot_0"],
+            terminations["robot_0"],
+            truncations["robot_0"],
+            infos["robot_0"]["outcome"],
+        )
+    assert terminated or truncated
+
+
+def test_stable_baselines3_trains():
+    model = PPO(
+        "MultiInputPolicy",
+        make_gymnasium(),
+        n_steps=500,
+        batch_size=250,
+        n_epochs=2,
+        policy_kwargs={"net_arch": [32]},
+        seed=1_000_000,
+        device="cpu",
+    )
+    before = model.policy.parameters_to_vector()
+    model.learn(total_timesteps=2_000)
+    assert model.num_timesteps == 2_000
+    assert np.isfinite(model.policy.parameters_to_vector()).all()
+    assert not np.array_equal(model.policy.parameters_to_vector(), before)
+
+
+@pytest.mark.parametrize("robots", [1, 3])
+def test_torchrl_wraps_the_parallel_environment(robots):
+    environment = PettingZooWrapper(
+        crowdbench.parallel_env("multimodal_fast", **{"robots.count": robots}),
+        use_mask=True,
+        seed=1_000_000,
+        device="cpu",
+    )
+    check_env_specs(environment)
+    rollout = environment.rollout(30, break_when_any_done=False)
+    assert rollout["robot", "observation", "lidar"].shape == (30, robots, 180)
+    assert rollout["next", "robot", "reward"].shape == (30, robots, 1)
+    assert rollout["next", "robot", "reward"].isfinite().all()
