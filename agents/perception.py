@@ -76,21 +76,28 @@ class ObstacleMaps:
         self._hits[robot] = 0
         self._head[robot] = 0
 
-    def update(self, lidar: NDArray[np.floating], pose: NDArray[np.floating]) -> NDArray[np.uint8]:
+    def update(
+        self,
+        lidar: NDArray[np.floating],
+        pose: NDArray[np.floating],
+        robots: NDArray[np.integer] | None = None,
+    ) -> NDArray[np.uint8]:
         """Add one scan of each robot and draw the maps.
 
         Args:
-            lidar: (N, beams) distances [m].
-            pose: (N, 3) odometry x, y [m], heading [rad].
+            lidar: (M, beams) distances [m].
+            pose: (M, 3) odometry x, y [m], heading [rad].
+            robots: (M,) which robots these are; None means all of them.
 
         Returns:
-            (N, cells, cells) bit k of a cell: something was there in the scan k steps ago.
+            (M, cells, cells) bit k of a cell: something was there in the scan k steps ago.
         """
         cells = self.geometry.cells
-        maps = np.zeros((len(self._head), cells, cells), np.uint8)
+        which = np.arange(len(self._head)) if robots is None else np.asarray(robots, np.int64)
+        maps = np.zeros((len(which), cells, cells), np.uint8)
         x0, y0 = self.geometry.origin
         _update_all(
-            maps, self._points, self._hits, self._head, np.asarray(lidar, np.float32),
+            maps, which, self._points, self._hits, self._head, np.asarray(lidar, np.float32),
             np.asarray(pose, np.float32), self._cos, self._sin, self._range - _HIT_MARGIN,
             x0, y0, 1.0 / self.geometry.cell,
         )  # fmt: skip
@@ -129,17 +136,18 @@ def reflect(maps: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @numba.njit(cache=True, fastmath=True)
 def _update_all(
-    maps, points, hits, head, lidar, pose, cos, sin, reach, x0, y0, inverse_cell
+    maps, which, points, hits, head, lidar, pose, cos, sin, reach, x0, y0, inverse_cell
 ):  # pragma: no cover
-    for robot in range(maps.shape[0]):
+    for row in range(len(which)):
+        robot = which[row]
         # The scan becomes points in the odometry frame, so moving the robot moves no point.
         head[robot] = (head[robot] + 1) % FRAMES
         newest = head[robot]
-        x, y, heading = pose[robot, 0], pose[robot, 1], pose[robot, 2]
+        x, y, heading = pose[row, 0], pose[row, 1], pose[row, 2]
         c, s = math.cos(heading), math.sin(heading)
         count = 0
         for beam in range(lidar.shape[1]):
-            distance = lidar[robot, beam]
+            distance = lidar[row, beam]
             if distance < reach:
                 dx, dy = distance * cos[beam], distance * sin[beam]
                 points[robot, newest, count, 0] = x + c * dx - s * dy
@@ -155,4 +163,4 @@ def _update_all(
                 i = math.floor((c * dx + s * dy - x0) * inverse_cell)
                 j = math.floor((c * dy - s * dx - y0) * inverse_cell)
                 if 0 <= i < maps.shape[1] and 0 <= j < maps.shape[2]:
-                    maps[robot, i, j] |= bit
+                    maps[row, i, j] |= bit
