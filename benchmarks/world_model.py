@@ -1,0 +1,192 @@
+"""How well does the latent rollout foresee collisions? A test of the world model in minutes.
+
+On a fixed set of transitions (people who do not see the robot; the robot heads for its goal with
+noise) two models learn whether a collision happens within H steps, given the H actions: the world
+model by rolling its latent state out, and a direct predictor, the same encoder with all H actions
+at once, which shows what can be known. Printed: the area under the ROC curve on later time steps
+than those learned from.
+
+    python benchmarks/world_model.py [--updates 1200] [--set model.dynamics=plain ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+import yaml
+from crowdbench_agents.latent_planner.config import Config, load_config
+from crowdbench_agents.latent_planner.crowds import Crowds
+from crowdbench_agents.latent_planner.losses import model_loss
+from crowdbench_agents.latent_planner.memory import keep_freed_memory
+from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows
+from crowdbench_agents.latent_planner.world_model import Inputs, Mlp, WorldModel
+from rich.console import Console
+from scipy.stats import rankdata
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+SCENARIOS = ("unimodal_fast_nonreactive", "multimodal_fast_nonreactive")
+FIRST_SEED = 1_900_000_000
+ENVIRONMENTS = 32
+
+
+def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
+    """Drive towards the goal with correlated noise; the last tenth is for testing."""
+    rng = np.random.default_rng(0)
+    crowds = Crowds(ENVIRONMENTS, _episodes(), config.perception.geometry)
+    steps = transitions // ENVIRONMENTS
+    replays = [Replay(ENVIRONMENTS, steps * 2, config.perception.cells) for _ in range(2)]
+    everywhere = np.arange(ENVIRONMENTS)
+    crowds.begin(everywhere)
+    noise = np.zeros((ENVIRONMENTS, 2))
+    for step in range(steps):
+        replay = replays[step >= 0.9 * steps]
+        noise = 0.9 * noise + np.sqrt(1 - 0.9**2) * rng.normal(size=noise.shape)
+        bearing = np.arctan2(crowds.sensed.goal[:, 1], crowds.sensed.goal[:, 0])
+        command = np.stack([0.7 + 0.4 * noise[:, 0], 1.5 * bearing + noise[:, 1]], axis=-1)
+        action = np.clip(crowds.bounds.normalised(command), -1, 1).astype(np.float32)
+        before = tuple(x.copy() for x in crowds.sensed)
+        result = crowds.step(everywhere, crowds.bounds.physical(action))
+        collision = result.outcome == "collision"
+        none = np.zeros(ENVIRONMENTS, bool)
+        replay.append(
+            everywhere,
+            Rows(*before, action, result.reward, result.end, collision, none, action, none),
+        )
+        over = np.flatnonzero(result.over)
+        if len(over):
+            n, last = len(over), np.ones(len(over), bool)
+            final = (x[over] for x in crowds.sensed)
+            blank, zero = np.zeros((n, 2), np.float32), np.zeros(n, np.float32)
+            replay.append(over, Rows(*final, blank, zero, ~last, ~last, last, blank, ~last))
+            crowds.begin(over)
+    return replays[0], replays[1]
+
+
+def _episodes() -> Iterator[tuple[str, int]]:
+    for number in range(10**9):
+        yield SCENARIOS[number % len(SCENARIOS)], FIRST_SEED + number
+
+
+class DirectPredictor(torch.nn.Module):
+    """The same encoder; all H actions at once go into a network with two hidden layers."""
+
+    def __init__(self, config: Config) -> None:
+        super().__init__()
+        self.world = WorldModel(config.model, config.perception.cells)
+        size = config.model.latent + 2 * config.planner.horizon
+        self.head = Mlp([size, 512, 512, 1], norm=True)
+
+    def forward(self, first: Inputs, actions: torch.Tensor) -> torch.Tensor:
+        """Logits (B,) of a collision; actions (H, B, 2)."""
+        z = self.world.encode(first)
+        return self.head(torch.cat([z, *actions], dim=-1)).squeeze(-1).float()
+
+
+def first_of(batch: Batch) -> Inputs:
+    return Inputs(*(x[0] for x in batch.inputs))
+
+
+def collides(batch: Batch) -> torch.Tensor:
+    return (batch.collision * batch.valid).amax(dim=0)
+
+
+@torch.no_grad()
+def rollout_score(model: WorldModel, batch: Batch) -> torch.Tensor:
+    """Log-odds-like score (B,) of a collision within the rollout: -log P(no collision)."""
+    z, score = model.encode(first_of(batch)), 0.0
+    for action in batch.action:
+        _, end = model.reward_and_end(z, action)
+        score = score + torch.nn.functional.softplus(end.float())
+        z = model.next(z, action)
+    return score
+
+
+def auc(score: np.ndarray, label: np.ndarray) -> float:
+    """Area under the ROC curve by the rank-sum formula."""
+    ranks, positive = rankdata(score), label > 0.5
+    count, others = positive.sum(), (~positive).sum()
+    return float((ranks[positive].sum() - count * (count + 1) / 2) / (count * others))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--transitions", type=int, default=96_000)
+    parser.add_argument("--updates", type=int, default=1200)
+    parser.add_argument("--report", type=int, default=400)
+    parser.add_argument("--batch", type=int, default=128)
+    parser.add_argument("--models", nargs="*", default=["rollout", "direct"])
+
+    parser.add_argument("--set", nargs="*", default=[], help="section.field=value")
+    arguments = parser.parse_args()
+    keep_freed_memory()
+    torch.set_num_threads(1)
+    changes = {item.split("=")[0]: yaml.safe_load(item.split("=")[1]) for item in arguments.set}
+    config = load_config().override(changes)
+    console = Console()
+    began = time.perf_counter()
+    train, test = collect(arguments.transitions, config)
+    horizon = config.planner.horizon
+    tests = [test.sample(500, horizon, np.random.default_rng(i)) for i in range(12)]
+    share = np.mean([collides(batch).mean().item() for batch in tests])
+    console.print(
+        f"{len(train)} rows in {time.perf_counter() - began:.0f} s, collisions {share:.3f}"
+    )
+    for name in arguments.models:
+        learn(name, config, train, tests, arguments, console)
+
+
+def learn(name, config, train, tests, arguments, console) -> None:
+    torch.manual_seed(0)
+    rng = np.random.default_rng(1)
+    bf16 = torch.autocast("cpu", torch.bfloat16, enabled=config.training.bfloat16)
+    model: torch.nn.Module
+    if name == "rollout":
+        model, target = (WorldModel(config.model, config.perception.cells) for _ in range(2))
+        target.load_state_dict(model.state_dict())
+    else:
+        model = DirectPredictor(config)
+    optimizer = torch.optim.Adam(
+        model.parameters(), config.training.learning_rate_model, fused=True
+    )
+    began = time.perf_counter()
+    for update in range(1, arguments.updates + 1):
+        batch = train.sample(
+            arguments.batch, config.planner.horizon, rng,
+            config.training.collision_share, config.training.reflect,
+        )  # fmt: skip
+        batch = batch._replace(
+            end=batch.collision, reward=batch.reward * config.training.reward_scale
+        )
+        with bf16:
+            if name == "rollout":
+                noise = torch.randn_like(batch.action)
+                loss = model_loss(model, target, batch, config.loss, noise).total
+            else:
+                logit = model(first_of(batch), batch.action)
+                loss = binary_cross_entropy_with_logits(logit, collides(batch))
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), config.training.gradient_clip)
+        optimizer.step()
+        if name == "rollout":
+            with torch.no_grad():
+                for slow, fast in zip(target.parameters(), model.parameters(), strict=True):
+                    slow.lerp_(fast, config.training.target_rate)
+        if update % arguments.report == 0:
+            seconds = time.perf_counter() - began
+            with bf16, torch.no_grad():
+                scores = [
+                    rollout_score(model, b) if name == "rollout" else model(first_of(b), b.action)
+                    for b in tests
+                ]
+            label = torch.cat([collides(b) for b in tests]).numpy()
+            area = auc(torch.cat(scores).float().numpy(), label)
+            console.print(f"{name:8} update {update:5}  AUC {area:.3f}  {seconds:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
