@@ -14,8 +14,8 @@ PASSAGE = 0.9
 """Least gap between static obstacles, and on one side of each to a wall: nothing is closed [m]."""
 OBSTACLE_CLEARANCE = 1.0
 """Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
-_BATCH, _BATCHES = 64, 50
-_LAYOUTS = 20
+_BATCH, _BATCHES = 64, 20
+_LAYOUTS = 10
 
 
 @dataclass(frozen=True)
