@@ -1,0 +1,252 @@
+"""Metrics: one pure function of an Episode each; docs/metrics.md has formulas and fixtures.
+
+``METRICS`` is the registry, in the order of the tables. A value that is not defined for an
+episode (the smoothness of one action, a distance to pedestrians where there are none) is NaN and
+leaves that episode out of the metric's mean. "Steps" are the T states after each action.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.evaluation import interactions
+from crowdbench.evaluation.episode import Episode
+from crowdbench.evaluation.shortest_path import shortest_path
+from crowdbench.simulation.contact import ContactKind
+
+TTC_LIMIT = 1.0
+"""[s]"""
+STALLED_SPEED = 0.05
+"""Forward speed below which the robot makes no headway [m/s]."""
+INTIMATE_SPACE = 0.45
+PERSONAL_SPACE = 1.2
+"""Hall's zones around a person, between surfaces [m]."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number that an episode yields.
+
+    Attributes:
+        function: computes it; NaN where it is not defined.
+        unit: empty for shares.
+        better: the direction of improvement.
+        definition: one line.
+    """
+
+    function: Callable[[Episode], float]
+    unit: str
+    better: Literal["higher", "lower"]
+    definition: str
+
+
+def metrics(episode: Episode) -> dict[str, float]:
+    """Every metric of an episode by name, in the order of ``METRICS``."""
+    return {name: metric.function(episode) for name, metric in METRICS.items()}
+
+
+def success(episode: Episode) -> float:
+    """1 when the goal was reached within tolerance, in time and without any contact."""
+    return float(episode.outcome == "success")
+
+
+def spl(episode: Episode) -> float:
+    """Success weighted by path length, S L* / max(L, L*) (Anderson et al. 2018).
+
+    L* is the shortest path among walls and static obstacles that keeps half the footprint's lesser
+    side away from them, which is the least distance any pose needs, less the goal tolerance. NaN
+    when the robot arrived although no such path leads to the goal's centre.
+    """
+    if episode.outcome != "success":
+        return 0.0
+    to_centre = shortest_path(
+        episode.robot_pose[0, :2],
+        episode.goal,
+        episode.walls,
+        episode.obstacles,
+        clearance=min(episode.footprint) / 2,
+    )
+    if math.isinf(to_centre):
+        return math.nan
+    shortest = max(to_centre - episode.goal_tolerance, 0.0)
+    longer = max(path_length(episode), shortest)
+    return shortest / longer if longer > 0 else 1.0
+
+
+def smoothness(episode: Episode) -> float:
+    """1 / (T - 1) sum_{t=1}^{T-1} |a_t - a_{t-1}|^2 (paper, section IV.B); NaN if T < 2."""
+    return _mean(np.sum(np.diff(episode.actions, axis=0) ** 2, axis=1))
+
+
+def inference_s(episode: Episode) -> float:
+    """Mean wall-clock time inside ``act`` per step [s]; NaN without steps."""
+    return _mean(episode.inference_s)
+
+
+def cutoff(episode: Episode) -> float:
+    """How often the robot crossed close ahead of a walking pedestrian."""
+    gaps = interactions.crossing_gaps(
+        episode.robot_pose[:, :2],
+        episode.pedestrian_position,
+        episode.pedestrian_velocity,
+        episode.control_period,
+        _reach(episode),
+    )
+    return float(interactions.count_cut_offs(gaps, episode.control_period))
+
+
+def min_dist(episode: Episode) -> float:
+    """Least distance between the robot's centre and a pedestrian's [m]; NaN without any."""
+    distance = interactions.centre_distance(episode.robot_pose[:, :2], episode.pedestrian_position)
+    return float(distance.min()) if distance.size else math.nan
+
+
+def min_clearance(episode: Episode) -> float:
+    """Least distance between the robot's footprint and a pedestrian [m]; NaN without any."""
+    distance = _clearance(episode)
+    return float(distance.min()) if distance.size else math.nan
+
+
+def ttc_below_1s(episode: Episode) -> float:
+    """Share of steps at which some pedestrian is less than a second from collision."""
+    ttc = interactions.time_to_collision(
+        episode.pedestrian_position[1:] - episode.robot_pose[1:, None, :2],
+        episode.pedestrian_velocity[1:] - _velocity(episode)[:, None],
+        _reach(episode),
+    )
+    return _mean(np.any(ttc < TTC_LIMIT, axis=1))
+
+
+def _collision_with(kind: ContactKind) -> Callable[[Episode], float]:
+    def collision(episode: Episode) -> float:
+        contact = episode.contact if episode.outcome == "collision" else None
+        return float(contact is not None and contact.kind == kind)
+
+    collision.__name__ = f"collision_{kind}"
+    collision.__doc__ = f"1 when the episode ended in contact with a {kind}."
+    return collision
+
+
+def robot_at_fault(episode: Episode) -> float:
+    """1 when the robot drove into the other, 0 when the other did; NaN without a collision.
+
+    Whoever closed in faster is at fault, the robot in a tie; what does not approach never is.
+    """
+    contact = episode.contact
+    if episode.outcome != "collision" or contact is None:
+        return math.nan
+    return float(contact.other_speed <= 0 or contact.robot_speed >= contact.other_speed)
+
+
+def timeout(episode: Episode) -> float:
+    """1 when the time limit ended the episode."""
+    return float(episode.outcome == "timeout")
+
+
+def time_to_goal(episode: Episode) -> float:
+    """Time until arrival [s]; NaN unless the episode is a success."""
+    arrived = episode.outcome == "success"
+    return episode.steps * episode.control_period if arrived else math.nan
+
+
+def path_length(episode: Episode) -> float:
+    """Length of the robot's path, straight between states [m]."""
+    return float(np.linalg.norm(np.diff(episode.robot_pose[:, :2], axis=0), axis=1).sum())
+
+
+def stalled_time(episode: Episode) -> float:
+    """Time with a forward speed below ``STALLED_SPEED`` [s]."""
+    stalled = np.abs(episode.actions[:, 0]) < STALLED_SPEED
+    return float(np.count_nonzero(stalled) * episode.control_period)
+
+
+def jerk(episode: Episode) -> float:
+    """Mean of |v_{t+1} - 2 v_t + v_{t-1}| / dt^2, v the velocity vector [m/s^3]; NaN if T < 3."""
+    change = np.diff(_velocity(episode), n=2, axis=0) / episode.control_period**2
+    return _mean(np.linalg.norm(change, axis=1))
+
+
+def intimate_space_share(episode: Episode) -> float:
+    """Share of steps with a pedestrian's surface nearer than 0.45 m."""
+    return _mean(np.any(_clearance(episode)[1:] < INTIMATE_SPACE, axis=1))
+
+
+def personal_space_share(episode: Episode) -> float:
+    """Share of steps with a pedestrian's surface nearer than 1.2 m."""
+    return _mean(np.any(_clearance(episode)[1:] < PERSONAL_SPACE, axis=1))
+
+
+def _velocity(episode: Episode) -> NDArray[np.float64]:
+    """(T, 2) the robot's velocity after each action [m/s]."""
+    heading = episode.robot_pose[1:, 2]
+    return episode.actions[:, :1] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+
+
+def _clearance(episode: Episode) -> NDArray[np.float64]:
+    """(T + 1, P) distance between footprint and pedestrians [m]."""
+    return interactions.clearance(
+        episode.robot_pose,
+        episode.footprint,
+        episode.pedestrian_position,
+        episode.pedestrian_radius,
+    )
+
+
+def _reach(episode: Episode) -> float:
+    """Radius of the circle around the footprint plus a pedestrian's radius [m]."""
+    return math.hypot(*episode.footprint) / 2 + episode.pedestrian_radius
+
+
+def _mean(values: NDArray[np.floating] | NDArray[np.bool_]) -> float:
+    return float(values.mean()) if values.size else math.nan
+
+
+METRICS: dict[str, Metric] = {
+    "success": Metric(success, "", "higher", "goal reached in time without any contact"),
+    "spl": Metric(spl, "", "higher", "success weighted by shortest over driven path length"),
+    "smoothness": Metric(
+        smoothness, "m²/s² + rad²/s²", "lower", "mean squared change between actions (v, w)"
+    ),
+    "inference_s": Metric(inference_s, "s", "lower", "mean wall-clock time in act per step"),
+    "cutoff": Metric(
+        cutoff, "events", "lower", "crossings ahead of a walking pedestrian with a gap below 2 s"
+    ),
+    "min_dist": Metric(min_dist, "m", "higher", "least distance to a pedestrian, centres"),
+    "min_clearance": Metric(
+        min_clearance, "m", "higher", "least distance to a pedestrian, surfaces"
+    ),
+    "ttc_below_1s": Metric(
+        ttc_below_1s, "", "lower", "share of steps with a time to collision below 1 s"
+    ),
+    "collision_pedestrian": Metric(
+        _collision_with("pedestrian"), "", "lower", "ended in contact with a pedestrian"
+    ),
+    "collision_obstacle": Metric(
+        _collision_with("obstacle"), "", "lower", "ended in contact with a static obstacle"
+    ),
+    "collision_wall": Metric(_collision_with("wall"), "", "lower", "ended in contact with a wall"),
+    "collision_robot": Metric(
+        _collision_with("robot"), "", "lower", "ended in contact with another robot"
+    ),
+    "robot_at_fault": Metric(
+        robot_at_fault, "", "lower", "of the collisions, those the robot drove into"
+    ),
+    "timeout": Metric(timeout, "", "lower", "ended by the time limit"),
+    "time_to_goal": Metric(time_to_goal, "s", "lower", "time until arrival, successes only"),
+    "path_length": Metric(path_length, "m", "lower", "length of the driven path"),
+    "stalled_time": Metric(stalled_time, "s", "lower", "time slower than 0.05 m/s"),
+    "jerk": Metric(jerk, "m/s³", "lower", "mean second difference of the velocity vector"),
+    "intimate_space_share": Metric(
+        intimate_space_share, "", "lower", "share of steps within 0.45 m of a pedestrian, surfaces"
+    ),
+    "personal_space_share": Metric(
+        personal_space_share, "", "lower", "share of steps within 1.2 m of a pedestrian, surfaces"
+    ),
+}
+"""Every metric by name, in the order of the tables."""

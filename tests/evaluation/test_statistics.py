@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from crowdbench.evaluation.statistics import (
+    PairingError,
+    bootstrap_interval,
+    compare,
+    holm,
+    paired_permutation_test,
+    wilson_interval,
+)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def ones(successes, n):
+    return [1.0] * successes + [0.0] * (n - successes)
+
+
+# Wilson
+
+
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    [
+        # Newcombe 1998, "Two-sided confidence intervals for the single proportion", Table I
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
+def test_wilson_agrees_with_the_published_table(successes, n, low, high):
+    estimate = wilson_interval(ones(successes, n))
+    assert estimate.mean == successes / n
+    assert estimate.n == n
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(n=st.integers(1, 500), share=st.floats(0, 1))
+def test_wilson_contains_the_share_and_is_symmetric(n, share):
+    successes = round(share * n)
+    estimate, opposite = (
+        wilson_interval(ones(successes, n)),
+        wilson_interval(ones(n - successes, n)),
+    )
+    assert 0 <= estimate.low <= estimate.mean <= estimate.high <= 1
+    assert estimate.low == pytest.approx(1 - opposite.high, abs=1e-12)
+    assert estimate.high - estimate.low < 1
+
+
+@given(n=st.integers(2, 200), share=st.floats(0, 1))
+def test_a_wilson_bound_is_a_share_whose_score_test_just_rejects(n, share):
+    successes = round(share * n)
+    estimate = wilson_interval(ones(successes, n))
+    for bound in (estimate.low, estimate.high):
+        if 0 < bound < 1:
+            score = (estimate.mean - bound) / math.sqrt(bound * (1 - bound) / n)
+            assert abs(score) == pytest.approx(1.959964, abs=1e-5)
+
+
+@pytest.mark.parametrize("p", [0.05, 0.5, 0.9, 0.98])
+def test_wilson_covers_the_true_share_as_often_as_promised(p):
+    """Exactly, over the binomial distribution of 100 runs; Wilson is near 0.95 on average."""
+    covered = [
+        low <= p <= high for _, low, high, _ in (wilson_interval(ones(k, 100)) for k in range(101))
+    ]
+    coverage = stats.binom.pmf(np.arange(101), 100, p) @ np.array(covered)
+    assert 0.93 < coverage < 0.98
+
+
+def test_wilson_leaves_out_nan_and_knows_nothing_of_nothing():
+    assert wilson_interval([1.0, math.nan, 0.0]) == wilson_interval([1.0, 0.0])
+    assert all(math.isnan(x) for x in wilson_interval([])[:3])
+
+
+def test_wilson_refuses_what_is_no_proportion():
+    with pytest.raises(ValueError, match="0 or 1"):
+        wilson_interval([0.5])
+
+
+# Bootstrap
+
+
+def test_the_bootstrap_agrees_with_students_interval_for_normal_values():
+    values = rng(3).normal(10.0, 2.0, 200)
+    estimate = bootstrap_interval(values, rng())
+    half = stats.t.ppf(0.975, 199) * values.std(ddof=1) / math.sqrt(200)
+    assert estimate.mean == pytest.approx(values.mean())
+    assert estimate.low == pytest.approx(values.mean() - half, abs=0.1 * half)
+    assert estimate.high == pytest.approx(values.mean() + half, abs=0.1 * half)
+
+
+def test_the_bootstrap_leans_towards_the_long_tail():
+    values = rng(4).exponential(1.0, 30)
+    mean, low, high, _ = bootstrap_interval(values, rng())
+    assert high - mean > 1.1 * (mean - low)
+
+
+def test_the_bootstrap_covers_the_true_mean_about_as_often_as_promised():
+    covered = 0
+    for seed in range(200):
+        estimate = bootstrap_interval(rng(seed).exponential(1.0, 40), rng(), resamples=499)
+        covered += estimate.low <= 1.0 <= estimate.high
+    # 0.95 less the known optimism for skewed samples of 40, with four standard errors of room
+    assert 0.86 < covered / 200 <= 1.0
+
+
+@given(values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12), seed=st.integers(0, 9))
+@settings(max_examples=150, deadline=None)
+def test_the_bootstraps_interval_lies_within_the_sample(values, seed):
+    estimate = bootstrap_interval(values, rng(seed), resamples=199)
+    slack = 1e-9 * (1 + max(map(abs, values)))
+    assert min(values) - slack <= estimate.low <= estimate.high <= max(values) + slack
+
+
+def test_the_bootstrap_depends_on_nothing_but_values_and_seed():
+    values = rng(5).normal(size=30)
+    assert bootstrap_interval(values, rng(1)) == bootstrap_interval(values, rng(1))
+    assert bootstrap_interval(values, rng(1)) != bootstrap_interval(values, rng(2))
+    assert bootstrap_interval([*values, math.nan], rng(1)) == bootstrap_interval(values, rng(1))
+
+
+def test_equal_values_have_an_interval_of_width_zero():
+    assert bootstrap_interval([0.1] * 7, rng()) == (pytest.approx(0.1),) * 3 + (7,)
+
+
+def test_one_value_or_none_has_no_interval():
+    one = bootstrap_interval([2.0], rng())
+    assert (one.mean, one.n) == (2.0, 1)
+    assert math.isnan(one.low)
+    assert math.isnan(one.high)
+    assert math.isnan(bootstrap_interval([math.nan], rng()).mean)
+
+
+# Permutation test
+
+
+def enumerated(a, b):
+    """Share of all 2^n swaps of pairs with a mean difference at least as far from zero."""
+    difference = np.asarray(a) - np.asarray(b)
+    signs = np.array(list(itertools.product([1, -1], repeat=len(difference))))
+    sums = np.abs(signs @ difference)
+    return np.mean(sums >= abs(difference.sum()) - 1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 9), binary=st.booleans())
+def test_the_permutation_test_is_exact_for_few_pairs(seed, n, binary):
+    draw = rng(seed)
+    a, b = draw.integers(0, 2, (2, n)) if binary else draw.normal(size=(2, n))
+    assert paired_permutation_test(a, b, rng()) == pytest.approx(enumerated(a, b))
+
+
+def test_the_permutation_test_is_near_the_enumeration_for_more_pairs():
+    a = rng(6).normal(0.4, 1.0, 16)
+    b = np.zeros(16)
+    drawn = paired_permutation_test(a, b, rng(), resamples=9999)
+    assert drawn == pytest.approx(enumerated(a, b), abs=0.02)
+    assert drawn == paired_permutation_test(a, b, rng(), resamples=9999)
+
+
+def test_the_permutation_test_of_successes_is_mcnemars():
+    # 12 seeds where only a succeeds, 3 where only b does: a sign test on 15 discordant pairs.
+    a, b = ones(12 + 30, 50), [0.0] * 12 + [1.0] * 30 + [1.0] * 3 + [0.0] * 5
+    expected = stats.binomtest(3, 15).pvalue
+    assert paired_permutation_test(a, b, rng(), resamples=20_000) == pytest.approx(
+        expected, abs=0.008
+    )
+
+
+def test_pairs_without_a_difference_give_one_and_no_pairs_give_nan():
+    assert paired_permutation_test([1.0, 2.0], [1.0, 2.0], rng()) == 1.0
+    assert math.isnan(paired_permutation_test([math.nan], [1.0], rng()))
+
+
+def test_two_agents_that_do_not_differ_are_rarely_told_apart():
+    p = []
+    for seed in range(200):
+        a, b = rng(seed).normal(size=(2, 12))
+        p.append(paired_permutation_test(a, b, rng(), resamples=500))
+    assert np.mean(np.array(p) < 0.05) < 0.1
+
+
+# Holm
+
+
+def test_holm_by_hand():
+    # Sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1: 0.02, 0.03, 0.06, 0.04, and never falling.
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_holm_stays_below_one_and_ignores_nan():
+    assert holm([0.6, math.nan, 0.7]) == pytest.approx([1.0, math.nan, 1.0], nan_ok=True)
+    assert holm([0.04]) == pytest.approx([0.04])
+    assert len(holm([])) == 0
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
+def test_holm_rejects_what_stepping_down_rejects(p):
+    """Holm's own procedure: from the smallest on, reject while p_(k) <= alpha / (m - k)."""
+    alpha = 0.05
+    rejected = set()
+    for k, i in enumerate(sorted(range(len(p)), key=lambda i: p[i])):
+        if p[i] * (len(p) - k) > alpha:
+            break
+        rejected.add(i)
+    assert set(np.flatnonzero(holm(p) <= alpha)) == rejected
+
+
+# Comparing two agents
+
+
+def table(scenario="open", seeds=range(8), **columns):
+    return pd.DataFrame({"scenario": scenario, "seed": list(seeds), **columns})
+
+
+def test_pairs_are_made_by_seed_not_by_row():
+    a = table(spl=[float(s) for s in range(8)])
+    b = table(spl=[s + 0.5 for s in range(8)]).sample(frac=1.0, random_state=1)
+    row = compare(a, b).iloc[0]
+    assert (row["n"], row["mean_a"], row["mean_b"]) == (8, 3.5, 4.0)
+    assert (row["difference"], row["low"], row["high"]) == (-0.5, -0.5, -0.5)
+    assert row["p"] == pytest.approx(2 / 2**8)
+
+
+def test_a_row_is_the_interval_and_test_of_the_differences():
+    x, y = rng(1).normal(size=(2, 20))
+    row = compare(table(seeds=range(20), jerk=x), table(seeds=range(20), jerk=y), seed=4).iloc[0]
+    expected = bootstrap_interval(x - y, rng(4))
+    assert tuple(row[["difference", "low", "high", "n"]]) == tuple(expected)
+    assert row["p"] == paired_permutation_test(x, y, rng(4))
+
+
+def test_only_shared_seeds_count():
+    a = table(seeds=range(0, 8), spl=np.arange(8.0))
+    b = table(seeds=range(4, 12), spl=np.arange(4.0, 12.0) - 1.0)
+    row = compare(a, b).iloc[0]
+    assert (row["n"], row["difference"], row["mean_a"]) == (4, 1.0, 5.5)
+
+
+def test_pairs_with_an_undefined_value_are_left_out():
+    a = table(seeds=range(3), time_to_goal=[10.0, math.nan, 12.0])
+    b = table(seeds=range(3), time_to_goal=[11.0, 9.0, math.nan])
+    row = compare(a, b).iloc[0]
+    assert (row["n"], row["mean_a"], row["mean_b"], row["p"]) == (1, 10.0, 11.0, 1.0)
+    assert math.isnan(row["low"])
+
+
+def test_every_scenario_and_metric_is_a_row_and_holm_covers_them_all():
+    values = rng(2).normal(size=(4, 8))
+    a = pd.concat([table("x", spl=values[0], jerk=values[1]), table("y", spl=values[2], jerk=1.0)])
+    b = pd.concat([table("y", spl=values[3], jerk=0.0), table("x", spl=0.0, jerk=0.0)])
+    result = compare(a, b)
+    assert list(zip(result["scenario"], result["metric"], strict=True)) == [
+        ("x", "spl"), ("x", "jerk"), ("y", "spl"), ("y", "jerk"),
+    ]  # fmt: skip
+    assert result["p_holm"].to_numpy() == pytest.approx(holm(result["p"]))
+    assert compare(a, b, metrics=["jerk"])["metric"].tolist() == ["jerk", "jerk"]
+
+
+def test_no_shared_seed_names_the_missing_ones():
+    with pytest.raises(PairingError, match=r"first lacks 5, 6, the second lacks 0, 1"):
+        compare(table(seeds=[0, 1], spl=0.0), table(seeds=[5, 6], spl=0.0))
+
+
+def test_many_missing_seeds_are_counted():
+    with pytest.raises(PairingError, match=r"second lacks 0, 1, .*, 9 and 90 more"):
+        compare(table(seeds=range(100), spl=0.0), table(seeds=[100], spl=0.0))
+
+
+def test_no_shared_scenario_names_both():
+    with pytest.raises(PairingError, match="first has x, the second y"):
+        compare(table("x", spl=0.0), table("y", spl=0.0))
+
+
+def test_a_seed_that_occurs_twice_is_refused():
+    with pytest.raises(PairingError, match="second table has seed 3 of 'open' more than once"):
+        compare(table(spl=0.0), table(seeds=[3, 3], spl=0.0))
+
+
+def test_a_missing_column_is_named():
+    with pytest.raises(PairingError, match="second table has no column 'spl'"):
+        compare(table(spl=0.0), table(), metrics=["spl"])
