@@ -46,6 +46,7 @@ Version history
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -195,8 +196,9 @@ class CrowdEnv(ParallelEnv):
         terminations: dict[str, bool] = {}
         truncations: dict[str, bool] = {}
         infos: dict[str, Any] = {}
-        for r in np.flatnonzero(world.active).tolist():
-            name = self._robots[r]
+        for r, name in enumerate(self._robots):
+            if not world.active[r]:
+                continue
             seen[name], nearest = self._observe(r)
             terms, outcome = self._judge(r, nearest)
             rewards[name] = float(sum(terms.values()))
@@ -254,11 +256,12 @@ class CrowdEnv(ParallelEnv):
     ) -> tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]:
         commands, walking = np.zeros((len(self._robots), 2)), {}
         for name in actions:
-            if name not in self.possible_agents:
+            if name not in self.action_spaces:
                 raise ValueError(f"action for unknown agent {name!r}; live: {self.agents}")
         assert self._world is not None
-        for r in np.flatnonzero(self._world.active):
-            name = self._robots[r]
+        for r, name in enumerate(self._robots):
+            if not self._world.active[r]:
+                continue
             if name not in actions:
                 raise ValueError(f"no action for agent {name!r}")
             commands[r] = _checked(name, actions[name])
@@ -313,8 +316,8 @@ class CrowdEnv(ParallelEnv):
         """Reward terms and outcome of a robot's step; a contact counts even on arrival."""
         world, weights = self._world, self.scenario.reward
         assert world is not None
-        x, y = world.goals[r] - world.pose[r, :2]
-        distance = float(np.hypot(x, y))
+        x, y = (world.goals[r] - world.pose[r, :2]).tolist()
+        distance = math.hypot(x, y)
         collided = r in world.contacts
         arrived = not collided and distance <= self.scenario.robots.goal_tolerance
         social = 0.0
@@ -350,6 +353,6 @@ def _checked(name: str, action: Any) -> NDArray[np.float64]:
         raise ValueError(f"action of agent {name!r}: {action!r} is not numeric") from error
     if array.shape != (2,):
         raise ValueError(f"action of agent {name!r}: expected shape (2,), got {array.shape}")
-    if not np.isfinite(array).all():
+    if not (math.isfinite(array[0]) and math.isfinite(array[1])):
         raise ValueError(f"action of agent {name!r}: expected finite numbers, got {array}")
     return array

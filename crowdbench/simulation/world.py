@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -169,10 +170,10 @@ class World:
             if not self.active[r]:
                 continue
             half_turn = w * duration / 2
-            chord = v * np.sinc(half_turn / np.pi)
-            middle = self.pose[r, 2] + half_turn
+            chord = v * math.sin(half_turn) / half_turn if half_turn else v
+            middle = float(self.pose[r, 2]) + half_turn
             body = self._bodies[r]
-            body.velocity = chord * np.cos(middle), chord * np.sin(middle)
+            body.velocity = chord * math.cos(middle), chord * math.sin(middle)
             body.angular_velocity = w
             self.pose[r, 2] = middle + half_turn
 
@@ -183,8 +184,9 @@ class World:
         mine = rows[self._rows]
         self.pedestrians.position = mine[:, :2].copy()
         self.pedestrians.velocity = mine[:, 2:].copy()
-        for r in np.flatnonzero(self.active):
-            self.pose[r, :2] = self._bodies[r].position
+        for r, active in enumerate(self.active.tolist()):
+            if active:
+                self.pose[r, :2] = self._bodies[r].position
 
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: Any) -> None:
         """Record the first thing each robot touches."""
