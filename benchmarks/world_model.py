@@ -20,6 +20,7 @@ import torch
 import yaml
 from crowdbench_agents.latent_planner.config import Config, load_config
 from crowdbench_agents.latent_planner.crowds import Crowds
+from crowdbench_agents.latent_planner.demonstrations import final_rows
 from crowdbench_agents.latent_planner.losses import model_loss
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows
@@ -54,14 +55,21 @@ def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
         none = np.zeros(ENVIRONMENTS, bool)
         replay.append(
             everywhere,
-            Rows(*before, action, result.reward, result.end, collision, none, action, none),
+            Rows(
+                *before,
+                action,
+                result.reward,
+                result.social,
+                result.end,
+                collision,
+                none,
+                action,
+                none,
+            ),
         )
         over = np.flatnonzero(result.over)
         if len(over):
-            n, last = len(over), np.ones(len(over), bool)
-            final = (x[over] for x in crowds.sensed)
-            blank, zero = np.zeros((n, 2), np.float32), np.zeros(n, np.float32)
-            replay.append(over, Rows(*final, blank, zero, ~last, ~last, last, blank, ~last))
+            replay.append(over, final_rows(*(x[over] for x in crowds.sensed)))
             crowds.begin(over)
     return replays[0], replays[1]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from crowdbench_agents.latent_planner.world_model import ActionBounds
@@ -28,13 +28,15 @@ class Outcomes(NamedTuple):
     """What one step did in E environments.
 
     Attributes:
-        reward: (E,) scaled by nothing.
+        reward: (E,) without the social term.
+        social: (E,) the social term.
         end: (E,) arrival or collision.
         over: (E,) the episode is over, by its end or by the time limit.
         outcome: (E,) as in the environment's infos.
     """
 
     reward: NDArray[np.float32]
+    social: NDArray[np.float32]
     end: NDArray[np.bool_]
     over: NDArray[np.bool_]
     outcome: NDArray[np.str_]
@@ -47,7 +49,6 @@ class Crowds:
         count: E.
         episodes: yields the (scenario name, seed) of each episode to come.
         geometry: of the obstacle maps.
-        social: False switches the social reward off.
     """
 
     def __init__(
@@ -55,11 +56,9 @@ class Crowds:
         count: int,
         episodes: Iterator[tuple[str, int]],
         geometry: MapGeometry,
-        social: bool = True,
     ) -> None:
         self.count = count
         self._episodes = episodes
-        self._changes: dict[str, Any] = {} if social else {"reward": {"social": 0.0}}
         self._idle: dict[str, list[crowdbench.CrowdEnv]] = defaultdict(list)
         robot = crowdbench.RobotSpec.from_scenario(
             crowdbench.load_scenario(crowdbench.scenario_names()[0])
@@ -92,7 +91,7 @@ class Crowds:
             self._release(index)
             name, seed = item
             idle = self._idle[name]
-            environment = idle.pop() if idle else crowdbench.parallel_env(name, **self._changes)
+            environment = idle.pop() if idle else crowdbench.parallel_env(name)
             observations, _ = environment.reset(seed=seed)
             self.environments[index] = environment
             self.scenario[index], self.seed[index] = name, seed
@@ -105,7 +104,7 @@ class Crowds:
 
     def step(self, which: NDArray[np.integer], actions: NDArray[np.floating]) -> Outcomes:
         """Act in the given environments (M,) with v [m/s], w [rad/s] (M, 2)."""
-        reward = np.zeros(len(which), np.float32)
+        reward, social = np.zeros((2, len(which)), np.float32)
         end, over = np.zeros(len(which), bool), np.zeros(len(which), bool)
         outcome = np.full(len(which), "running", dtype="U12")
         for i, index in enumerate(which):
@@ -113,11 +112,12 @@ class Crowds:
             assert environment is not None
             seen, rewards, ended, truncated, infos = environment.step({ROBOT: actions[i]})
             self.raw[index] = seen[ROBOT]
-            reward[i], end[i] = rewards[ROBOT], ended[ROBOT]
+            social[i], end[i] = infos[ROBOT]["reward_terms"]["social"], ended[ROBOT]
+            reward[i] = rewards[ROBOT] - social[i]
             over[i] = end[i] or truncated[ROBOT]
             outcome[i] = infos[ROBOT]["outcome"]
         self._sense(which)
-        return Outcomes(reward, end, over, outcome)
+        return Outcomes(reward, social, end, over, outcome)
 
     def observation(self, index: int, state: bool = False) -> crowdbench.Observation:
         """What an agent sees in one environment, with the true state for a privileged one."""

@@ -24,7 +24,7 @@ class Batch(NamedTuple):
     Attributes:
         inputs: (H + 1, B, ...) observations.
         action: (H, B, 2) executed, in [-1, 1].
-        reward: (H, B) the environment's.
+        reward: (H, B) the environment's, with or without the social term.
         end: (H, B) 1 where the action ended the episode by arrival or collision.
         collision: (H, B) 1 where the action ended it by collision.
         valid: (H, B) 1 up to the end of the episode, 0 behind it.
@@ -43,13 +43,14 @@ class Batch(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """One row of each of N lanes; see Batch for the meaning."""
+    """One row of each of N lanes; see Batch. ``reward`` is without the social term ``social``."""
 
     map: NDArray[np.uint8]
     velocity: NDArray[np.float32]
     goal: NDArray[np.float32]
     action: NDArray[np.float32]
     reward: NDArray[np.float32]
+    social: NDArray[np.float32]
     end: NDArray[np.bool_]
     collision: NDArray[np.bool_]
     final: NDArray[np.bool_]
@@ -68,14 +69,19 @@ class Replay:
         lanes: environments.
         rows: rows per lane; the oldest are overwritten.
         cells: cells along each side of the maps.
+        social: whether sampled rewards include the social term.
         folder: where the arrays live; None keeps them in memory. Existing ones are continued.
     """
 
-    def __init__(self, lanes: int, rows: int, cells: int, folder: Path | None = None) -> None:
+    def __init__(
+        self, lanes: int, rows: int, cells: int, social: bool = True, folder: Path | None = None
+    ) -> None:
+        self._social = social
         self.lanes, self.rows = lanes, rows
         shapes = {
             "map": ((cells, cells), np.uint8), "velocity": ((2,), np.float32),
             "goal": ((2,), np.float32), "action": ((2,), np.float32), "reward": ((), np.float32),
+            "social": ((), np.float32),
             "end": ((), np.bool_), "collision": ((), np.bool_), "final": ((), np.bool_),
             "reference": ((2,), np.float32), "has_reference": ((), np.bool_),
         }  # fmt: skip
@@ -89,7 +95,11 @@ class Replay:
 
     def __len__(self) -> int:
         """Rows kept."""
-        return int(np.minimum(self._written, self.rows).sum())
+        return int(self.lengths().sum())
+
+    def lengths(self) -> NDArray[np.int64]:
+        """(lanes,) rows kept per lane."""
+        return np.minimum(self._written, self.rows)
 
     def append(self, lanes: NDArray[np.integer], rows: Rows) -> None:
         """Add one row to each of the given lanes (N,)."""
@@ -123,7 +133,7 @@ class Replay:
         Raises:
             ReplayError: fewer rows than one sequence needs.
         """
-        kept = np.minimum(self._written, self.rows)
+        kept = self.lengths()
         starts = np.maximum(kept - horizon, 0)
         if starts.sum() == 0:
             raise ReplayError(f"no lane has the {horizon + 1} rows that a sequence needs")
@@ -164,6 +174,10 @@ class Replay:
         sign = np.ones((len(lane), 2), np.float32)
         sign[flip, 1] = -1
 
+        reward = data.reward[lane, actions]
+        if self._social:
+            reward = reward + data.social[lane, actions]
+
         def tensor(array: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(array))
 
@@ -177,7 +191,7 @@ class Replay:
                 tensor(data.goal[lane, steps] * sign),
             ),
             action=tensor(data.action[lane, actions] * sign),
-            reward=tensor(data.reward[lane, actions]),
+            reward=tensor(reward),
             end=numbers(data.end[lane, actions]),
             collision=numbers(data.collision[lane, actions]),
             valid=numbers(valid),

@@ -62,13 +62,27 @@ class ActionBounds(NamedTuple):
 
 
 class Mlp(nn.Sequential):
-    """Linear layers with SiLU between, each hidden one behind a LayerNorm where asked for."""
+    """Linear layers with SiLU between, each hidden one behind a LayerNorm where asked for.
 
-    def __init__(self, sizes: list[int], norm: bool) -> None:
+    ``exact`` keeps the last layer in float32 under autocast: values need more than 8 bits.
+    """
+
+    def __init__(self, sizes: list[int], norm: bool, exact: bool = True) -> None:
         layers: list[nn.Module] = []
         for inside, outside in itertools.pairwise(sizes[:-1]):
             layers += [nn.Linear(inside, outside), *([nn.LayerNorm(outside)] * norm), nn.SiLU()]
         super().__init__(*layers, nn.Linear(sizes[-2], sizes[-1]))
+        self._exact = exact
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(..., inputs) -> (..., outputs)."""
+        *hidden, last = self
+        for layer in hidden:
+            x = layer(x)
+        if not self._exact:
+            return last(x)
+        with torch.autocast("cpu", enabled=False):
+            return last(x.float())
 
     def start_at_zero(self) -> Mlp:
         """Zero the last layer, so that the network starts as the constant 0."""
@@ -130,7 +144,9 @@ class WorldModel(nn.Module):
         self.settings = model
         latent, hidden = model.latent, model.hidden
         self.encoder = Encoder(cells, latent)
-        self.dynamics = Mlp([latent + ACTION, model.dynamics_hidden, latent], norm=False)
+        self.dynamics = Mlp(
+            [latent + ACTION, model.dynamics_hidden, latent], norm=False, exact=False
+        )
         if model.dynamics == "residual":
             self.dynamics.start_at_zero()
         self.outcome = Mlp([latent + ACTION, hidden, 2], norm=False).start_at_zero()

@@ -16,7 +16,8 @@ def rows(lanes, values, episode, final=False, collision=False):
     maps[:, 3, 2] = int(values) % 256
     flag = np.full(n, True)
     return Rows(
-        maps, pair, np.stack([np.full(n, episode, np.float32), value + 1], -1), pair / 1000, value,
+        maps, pair, np.stack([np.full(n, episode, np.float32), value + 1], -1), pair / 1000,
+        value, value / 2,
         flag & collision, flag & collision, flag & final, pair / 1000, flag & (values % 2 == 0),
     )  # fmt: skip
 
@@ -56,7 +57,7 @@ def test_sequences_are_consecutive_and_stay_in_their_episode(lengths, ring, seed
         counts = batch.valid[t] == 1
         assert (time[t + 1] - time[t] == 1)[counts].all()
         assert (episode[t + 1] == episode[t])[counts].all()
-        assert (batch.reward[t] == time[t])[counts].all()
+        assert (batch.reward[t] == 1.5 * time[t])[counts].all()
     assert (batch.valid.diff(dim=0) <= 0).all()
 
 
@@ -127,3 +128,11 @@ def test_join_puts_batches_side_by_side():
     both = join(a, b)
     assert both.inputs.map.shape == (3, 5, 16, 16)
     np.testing.assert_array_equal(both.reward[:, 3:], b.reward)
+
+
+def test_the_social_term_is_left_out_where_it_is_switched_off():
+    replay = Replay(1, 20, cells=16, social=False)
+    for time in range(8):
+        replay.append(np.array([0]), rows(np.array([0]), time, 0))
+    batch = replay.sample(10, 3, np.random.default_rng(0))
+    np.testing.assert_array_equal(batch.reward, batch.inputs.velocity[:-1, :, 0])
