@@ -222,9 +222,9 @@ def _check(table: pd.DataFrame, side: str, metrics: Sequence[str]) -> None:
 
 def _paired(a: pd.DataFrame, b: pd.DataFrame, scenario: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The rows of the seeds that both have, in the order of the seeds."""
-    one = a[a["scenario"] == scenario].set_index("seed").sort_index()
-    other = b[b["scenario"] == scenario].set_index("seed").sort_index()
-    shared = one.index.intersection(other.index)
+    one = a[a["scenario"] == scenario].set_index("seed")
+    other = b[b["scenario"] == scenario].set_index("seed")
+    shared = one.index.intersection(other.index).sort_values()
     if not len(shared):
         raise PairingError(
             f"scenario {scenario!r}: no seed in common; the first lacks {_listed(other.index)}, "

@@ -128,6 +128,13 @@ def test_a_pedestrian_that_turns_does_not_sweep_its_path_over_the_robot():
     assert np.all(np.isinf(gaps))
 
 
+def test_the_path_is_the_one_walked_before_the_pedestrian_gave_way():
+    robot = np.array([[2.0, -0.1], [2.0, 0.1]])
+    velocity = np.array([[[1.0, 0.0]], [[0.0, -1.0]]])
+    gaps = crossing_gaps(robot, np.zeros((2, 1, 2)), velocity, PERIOD, REACH)
+    assert gaps[0, 0] == pytest.approx(1.4)
+
+
 def test_a_state_exactly_on_the_path_is_one_crossing():
     robot = np.array([[2.0, -0.1], [2.0, 0.0], [2.0, 0.1]])
     position, velocity = np.zeros((3, 1, 2)), np.tile([1.0, 0.0], (3, 1, 1))

@@ -106,6 +106,23 @@ def test_overlapping_discs_are_passed_on_the_outside():
     assert length(obstacles=pair) == pytest.approx(length(obstacles=pair[::-1]))
 
 
+@pytest.mark.parametrize(
+    "walls",
+    [
+        [[2.0, -1.6, 2.0, 1.6]],  # through the disc
+        [[2.0, 1.05, 2.0, 1.6], [2.0, -1.05, 2.0, -1.6]],  # ending outside, too near to pass
+        [[2.0, -0.9, 2.0, 0.9]],  # ending inside, too near to the edge
+        [[1.5, 1.1, 2.5, 1.1], [1.5, -1.1, 2.5, -1.1]],  # beside the disc
+    ],
+)
+def test_a_wall_at_a_disc_closes_the_way_along_its_edge(walls):
+    disc = [[2.0, 0.0, 0.85]]
+    exact = length(walls, disc)
+    assert exact > around(2.0, 1.0) + 1e-3
+    grid = grid_search(np.array(walls), np.array(disc))
+    assert exact - 1e-3 <= grid <= exact * 1.015 + 0.03
+
+
 BOX = [[-1, -1, 1, -1], [1, -1, 1, 1], [1, 1, -1, 1], [-1, 1, -1, -1]]
 
 

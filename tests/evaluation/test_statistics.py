@@ -235,6 +235,13 @@ def test_pairs_are_made_by_seed_not_by_row():
     assert row["p"] == pytest.approx(2 / 2**8)
 
 
+def test_the_order_of_the_rows_does_not_matter():
+    x, y = rng(1).normal(size=(2, 20))
+    a, b = table(seeds=range(20), jerk=x), table(seeds=range(20), jerk=y)
+    one, other = a.sample(frac=1.0, random_state=1), b.sample(frac=1.0, random_state=2)
+    pd.testing.assert_frame_equal(compare(one, other), compare(a, b))
+
+
 def test_a_row_is_the_interval_and_test_of_the_differences():
     x, y = rng(1).normal(size=(2, 20))
     row = compare(table(seeds=range(20), jerk=x), table(seeds=range(20), jerk=y), seed=4).iloc[0]
