@@ -17,8 +17,11 @@ the entry-point group ``crowdbench.agents``.
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import inspect
+import sys
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -156,29 +159,47 @@ class Agent(ABC):
 class AgentSpec:
     """An agent as named on a command line.
 
-    ``name[:option=value,...]`` or ``file.py:Class[:option=value,...]``.
+    ``name[:option=value,...]`` or ``file.py[:Class][:option=value,...]``.
+
+    Raises:
+        AgentError: a name or option that its own text would not give back.
     """
 
     name: str
     options: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        """Make sure that the text, by which results are told apart, says everything."""
+        for key, value in self.options.items():
+            text = _scalar(value)
+            if "," in text or isinstance(value, list | dict) or yaml.safe_load(text) != value:
+                raise AgentError(
+                    f"agent {self.name!r}, option {key!r}: expected a number, true, false, null "
+                    f"or text without commas, got {value!r}"
+                )
+        if not str(self).isprintable():
+            raise AgentError(f"agent {str(self)!r}: a name must be printable")
 
     @classmethod
     def parse(cls, text: str) -> AgentSpec:
         """Split a name from its options; values are YAML scalars.
 
         Raises:
-            AgentError: an option without ``=``.
+            AgentError: an option without ``=``, or whose value is not YAML.
         """
         name, _, rest = text.partition(":")
-        if name.endswith(".py"):
+        if name.endswith(".py") and "=" not in rest.partition(":")[0]:
             class_name, _, rest = rest.partition(":")
             name = f"{name}:{class_name}" if class_name else name
         options: dict[str, Any] = {}
         for item in filter(None, (part.strip() for part in rest.split(","))):
             key, separator, value = item.partition("=")
-            if not separator:
+            if not separator or not key.strip():
                 raise AgentError(f"agent {text!r}: expected option=value, got {item!r}")
-            options[key.strip()] = yaml.safe_load(value)
+            try:
+                options[key.strip()] = yaml.safe_load(value)
+            except yaml.YAMLError as error:
+                raise AgentError(f"agent {text!r}: {value!r} is not a YAML value") from error
         return cls(name, options)
 
     def __str__(self) -> str:
@@ -199,8 +220,16 @@ class AgentSpec:
                 raise AgentError(f"agent {self.name!r} has no option {key!r}{known}")
         try:
             return factory(**self.options)
-        except (TypeError, ValueError) as error:
-            raise AgentError(f"agent {str(self)!r}: {error}") from error
+        except (Exception, SystemExit) as error:
+            raise AgentError(f"agent {str(self)!r}: {describe_error(error)}") from error
+
+
+def describe_error(error: BaseException) -> str:
+    """Type, text and place of an exception that foreign code has raised, in one line."""
+    text = " ".join("".join(traceback.format_exception_only(error)).split())
+    frames = traceback.extract_tb(error.__traceback__)
+    places = [f"{frame.filename}:{frame.lineno}" for frame in frames if frame.filename[0] != "<"]
+    return f"{text} ({places[-1]})" if places else text
 
 
 def agent_names() -> list[str]:
@@ -226,21 +255,27 @@ def find_agent(name: str) -> type[Agent]:
         return _from_file(Path(path), class_name)
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
-            return _checked(point.load(), name)
+            try:
+                return _checked(point.load(), name)
+            except (ImportError, AttributeError) as error:
+                raise AgentError(f"agent {name!r}: {describe_error(error)}") from error
     raise AgentError(f"unknown agent {name!r}{nearest(name, agent_names())}")
 
 
 def _from_file(path: Path, class_name: str) -> type[Agent]:
     if not path.is_file():
         raise AgentError(f"agent file {str(path)!r} does not exist")
-    spec = importlib.util.spec_from_file_location(f"crowdbench_plugin_{path.stem}", path)
+    unique = hashlib.sha256(str(path.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:8]
+    module_name = f"crowdbench_plugin_{path.stem}_{unique}"
+    spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:
         raise AgentError(f"agent file {str(path)!r} is not a Python module")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module  # dataclasses and pickle look their module up
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
-        raise AgentError(f"{path}: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise AgentError(f"agent file {str(path)!r}: {describe_error(error)}") from error
     classes = {
         key: value
         for key, value in vars(module).items()
@@ -252,7 +287,8 @@ def _from_file(path: Path, class_name: str) -> type[Agent]:
         return next(iter(classes.values()))
     if class_name not in classes:
         found = ", ".join(classes) or "none"
-        raise AgentError(f"{path}: no agent class {class_name!r}; agent classes found: {found}")
+        wanted = f"no agent class {class_name!r}" if class_name else "expected file.py:Class"
+        raise AgentError(f"agent file {str(path)!r}: {wanted}; agent classes found: {found}")
     return classes[class_name]
 
 
@@ -263,4 +299,5 @@ def _checked(value: Any, name: str) -> type[Agent]:
 
 
 def _scalar(value: Any) -> str:
-    return yaml.safe_dump(value, default_flow_style=True).removesuffix("\n...\n").strip()
+    text = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=sys.maxsize)
+    return text.removesuffix("\n...\n").strip()

@@ -13,15 +13,22 @@ import json
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-Range = tuple[float, float]
+Signed = Annotated[float, Field(ge=-20, le=20)]
+Size = Annotated[float, Field(gt=0, le=20)]
+Speed = Annotated[float, Field(ge=0, le=10)]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+
+
+_LONGEST_NAME = 200
+_OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+_SYMBOLS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 
 class ScenarioError(ValueError):
@@ -29,7 +36,9 @@ class ScenarioError(ValueError):
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False
+    )
 
     @model_validator(mode="after")
     def _ranges_are_ordered(self) -> _Section:
@@ -54,8 +63,10 @@ class Robots(_Section):
     count: int = Field(1, ge=1, le=32)
     length: Positive = Field(0.4, le=5, description="footprint along the heading [m]")
     width: Positive = Field(0.3, le=5, description="footprint across the heading [m]")
-    speed: Range = Field((0.0, 1.0), description="forward speed v [m/s]")
-    turn_rate: Range = Field((-1.5, 1.5), description="turn rate w [rad/s], left positive")
+    speed: tuple[Signed, Signed] = Field((0.0, 1.0), description="forward speed v [m/s]")
+    turn_rate: tuple[Signed, Signed] = Field(
+        (-1.5, 1.5), description="turn rate w [rad/s], left positive"
+    )
     acceleration: tuple[Positive, Positive] | None = Field(
         None, description="limits on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2]; none by default"
     )
@@ -77,7 +88,7 @@ class Obstacles(_Section):
     """Static round obstacles, placed at random."""
 
     count: int = Field(0, ge=0, le=200)
-    radius: Range = Field((0.3, 0.5), description="[m]")
+    radius: tuple[Size, Size] = Field((0.3, 0.5), description="[m]")
 
 
 class Pedestrians(_Section):
@@ -85,7 +96,9 @@ class Pedestrians(_Section):
 
     count: int = Field(8, ge=0, le=500)
     radius: Positive = Field(0.25, le=2, description="[m]")
-    speed: Range = Field((0.3, 0.6), description="preferred walking speed, drawn per person [m/s]")
+    speed: tuple[Speed, Speed] = Field(
+        (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
+    )
     model: Literal["orca", "social_force", "straight"] = "orca"
     control: Literal["scripted", "agents"] = Field(
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
@@ -101,7 +114,9 @@ class Pedestrians(_Section):
     switch_probability: Share = Field(
         0.5, description="multimodal: chance that a leg is interrupted, half of them to return"
     )
-    leg: Positive = Field(4.0, le=200, description="least distance from a leg's start to its goal [m]")
+    leg: Positive = Field(
+        4.0, le=200, description="least distance from a leg's start to its goal [m]"
+    )
     on_arrival: Literal["new_goal", "stop"] = "new_goal"
     spawn_clearance: NonNegative = Field(
         1.0, description="least gap between a pedestrian and a robot's start, surfaces [m]"
@@ -160,9 +175,9 @@ class Scenario(_Section):
             ScenarioError: unknown field or value out of range.
         """
         document = self.model_dump()
-        for key, value in changes.items():
+        for key, value in _flatten(changes).items():
             _assign(document, key, value)
-        return _validate(document, source="override")
+        return _validate(document, source=self.name)
 
 
 def scenario_names() -> list[str]:
@@ -172,7 +187,7 @@ def scenario_names() -> list[str]:
     return sorted(listed, key=lambda name: (documents[name].get("order", 99), name))
 
 
-def load_scenario(name: str | Path | Scenario, **changes: Any) -> Scenario:
+def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     """Load a scenario by name or from a YAML file, with some fields replaced.
 
     Args:
@@ -228,7 +243,7 @@ def _parse(path: Any) -> dict[str, Any]:
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read ({error.strerror})") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: not a YAML file ({error})") from error
+        raise ScenarioError(f"{path}: not a YAML file ({' '.join(str(error).split())})") from error
     if not isinstance(document, dict):
         raise ScenarioError(f"{path}: expected 'key: value' lines, got {type(document).__name__}")
     return document
@@ -238,12 +253,13 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     """Read a document with everything it extends merged beneath it."""
     is_path = name.endswith((".yaml", ".yml"))
     path: Any = (base / name if base else Path(name)) if is_path else _folder() / f"{name}.yaml"
-    if not path.is_file():
+    if len(Path(name).name) > _LONGEST_NAME or not path.is_file():
         if is_path:
             raise ScenarioError(f"scenario file {str(path)!r} does not exist")
         raise ScenarioError(f"unknown scenario {name!r}{nearest(name, scenario_names())}")
-    if str(path) in seen:
-        raise ScenarioError(f"{path}: extends itself ({' -> '.join((*seen, str(path)))})")
+    place = str(path.resolve() if isinstance(path, Path) else path)
+    if place in seen:
+        raise ScenarioError(f"{path}: extends itself ({' -> '.join((*seen, place))})")
     document = _parse(path)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
@@ -253,7 +269,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         return document
     if not isinstance(parent, str):
         raise ScenarioError(f"{path}: extends: expected the name of a scenario, got {parent!r}")
-    beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, str(path)))
+    beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     return _merge(beneath, document)
 
 
@@ -294,11 +310,40 @@ def _validate(document: dict[str, Any], source: str) -> Scenario:
 
 def _explain(item: Any) -> str:
     """One pydantic error as a sentence with the dotted field and, for typos, the nearest name."""
-    parts = [str(part) for part in item["loc"] if isinstance(part, str)]
+    parts = [part for part in item["loc"] if isinstance(part, str)]
     field = ".".join(parts)
     if item["type"] == "extra_forbidden":
         section: Any = Scenario
         for part in parts[:-1]:
             section = section.model_fields[part].annotation
         return f"unknown key {field!r}{nearest(parts[-1], list(section.model_fields))}"
+    allowed = _allowed(item["loc"]) if item["type"] in _OUT_OF_RANGE else ""
+    if allowed:
+        return f"{field}: {item['input']!r} is out of range; allowed: {allowed}"
+    if item["type"] == "value_error":
+        text = str(item["ctx"]["error"])
+        return f"{field}.{text}" if field else text
     return f"{field}: {item['msg']} (got {item['input']!r})" if field else str(item["msg"])
+
+
+def _allowed(location: tuple[str | int, ...]) -> str:
+    """The range of a field, or of an element of a pair, as declared above: ``>= 0 and <= 500``."""
+    section: Any = Scenario
+    found: list[Any] = []
+    for part in location:
+        if isinstance(part, str) and part in getattr(section, "model_fields", {}):
+            field = section.model_fields[part]
+            section, found = field.annotation, list(field.metadata)
+        elif isinstance(part, int):
+            pair = next(option for option in (section, *get_args(section)) if _is_pair(option))
+            found = get_args(pair)[part].__metadata__[0].metadata
+    return " and ".join(
+        f"{symbol} {getattr(limit, key)}"
+        for key, symbol in _SYMBOLS.items()
+        for limit in found
+        if hasattr(limit, key)
+    )
+
+
+def _is_pair(annotation: Any) -> bool:
+    return get_origin(annotation) is tuple

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from crowdbench import RobotSpec, load_scenario
+from crowdbench.agent import AgentError, AgentSpec, agent_names, agent_options, lidar_angles
+
+PLANNER = """
+from __future__ import annotations
+from dataclasses import dataclass
+import crowdbench
+
+@dataclass
+class Memory:
+    steps: int = 0
+
+class Planner(crowdbench.Agent):
+    def __init__(self, gain=1.0, mode="calm"):
+        self.gain = gain
+    def reset(self, robot, seed):
+        self.memory = Memory()
+    def act(self, observation):
+        return 0.0, 0.0
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes an agent file and returns its path."""
+
+    def write(text, name="planner.py"):
+        path = tmp_path / name
+        path.write_text(text)
+        return str(path)
+
+    return write
+
+
+def refusal(text) -> str:
+    with pytest.raises(AgentError) as caught:
+        AgentSpec.parse(text).make()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_name_and_its_options():
+    spec = AgentSpec.parse("orca:horizon=2.5,mode=fast, seen=true")
+    assert spec.name == "orca"
+    assert spec.options == {"horizon": 2.5, "mode": "fast", "seen": True}
+    assert str(spec) == "orca:horizon=2.5,mode=fast,seen=true"
+
+
+def test_the_order_of_options_does_not_matter():
+    assert str(AgentSpec.parse("a:x=1,b=2")) == str(AgentSpec.parse("a:b=2,x=1"))
+
+
+@given(
+    st.dictionaries(
+        st.from_regex(r"[a-z_]{1,8}", fullmatch=True),
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats(allow_nan=False)
+        | st.text(max_size=40),
+        max_size=4,
+    )
+)
+def test_the_text_of_a_spec_gives_the_spec_back_or_is_refused(options):
+    try:
+        spec = AgentSpec("planner", options)
+    except AgentError:
+        text = [value for value in options.values() if isinstance(value, str)]
+        assert any("," in value or not value.isprintable() or not value.isascii() for value in text)
+        return
+    assert AgentSpec.parse(str(spec)) == spec
+    assert str(spec).isprintable()
+
+
+@pytest.mark.parametrize("value", [[1, 2], {"a": 1}, float("nan"), "a,b"])
+def test_an_option_that_text_cannot_say_is_refused(value):
+    with pytest.raises(AgentError, match="option 'x': expected a number"):
+        AgentSpec("planner", {"x": value})
+
+
+@pytest.mark.parametrize("text", ["orca:horizon", "orca:=3", "orca:x=[1", "new\nline", "nul\0"])
+def test_text_that_names_no_agent_is_refused(text):
+    with pytest.raises(AgentError):
+        AgentSpec.parse(text)
+
+
+def test_unknown_agent_names_the_nearest():
+    assert refusal("orcaa") == "unknown agent 'orcaa'; did you mean 'orca'?"
+    assert "straight_line" in refusal("qqqqqq")
+
+
+def test_unknown_option_names_the_nearest(written):
+    path = written(PLANNER)
+    assert "has no option 'gian'; did you mean 'gain'?" in refusal(f"{path}:Planner:gian=2")
+    assert "it takes no options" in refusal("straight_line:speed=2")
+
+
+@pytest.mark.parametrize("suffix", ["", ":Planner", ":gain=3", ":Planner:gain=3"])
+def test_one_file_is_an_agent(written, suffix):
+    agent = AgentSpec.parse(written(PLANNER) + suffix).make()
+    assert agent.gain == (3 if "gain" in suffix else 1.0)
+    agent.reset(RobotSpec.from_scenario(load_scenario("multimodal_fast")), seed=0)
+    assert agent_options(type(agent)) == {"gain": 1.0, "mode": "calm"}
+
+
+def test_two_files_of_one_name_do_not_mix(written, tmp_path):
+    (tmp_path / "other").mkdir()
+    first = AgentSpec.parse(written(PLANNER)).make()
+    second = AgentSpec.parse(written(PLANNER.replace("1.0", "2.0"), "other/planner.py")).make()
+    assert (first.gain, second.gain) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("def planner(:", "SyntaxError"),
+        ("1 / 0", "ZeroDivisionError: division by zero ("),
+        ("raise SystemExit(3)", "SystemExit: 3"),
+        ("x = 1", "expected file.py:Class; agent classes found: none"),
+        (PLANNER + "class Other(Planner): pass", "agent classes found: Planner, Other"),
+        (PLANNER.replace("def act", "def atc"), "abstract method"),
+        (PLANNER.replace("self.gain = gain", "open('/no/weights')"), "FileNotFoundError"),
+    ],
+)
+def test_a_broken_file_is_refused_with_the_reason_and_the_place(written, text, told):
+    path = written(text)
+    message = refusal(path)
+    assert told in message
+    assert path in message
+
+
+def test_a_missing_file_and_a_missing_class_are_named(written):
+    assert refusal("no_such.py:Planner") == "agent file 'no_such.py' does not exist"
+    message = refusal(written(PLANNER) + ":Planer")
+    assert "no agent class 'Planer'; agent classes found: Planner" in message
+
+
+def test_built_in_agents_are_listed():
+    assert {"straight_line", "orca", "latent_planner"} <= set(agent_names())
+
+
+@pytest.mark.parametrize(("beams", "view"), [(4, 360), (3, 180), (1, 90)])
+def test_beams_are_spread_over_the_field_of_view(beams, view):
+    scenario = load_scenario("multimodal_fast", lidar={"beams": beams, "field_of_view": view})
+    expected = {4: [0, 90, 180, 270], 3: [-90, 0, 90], 1: [0]}[beams]
+    np.testing.assert_allclose(np.rad2deg(lidar_angles(scenario)), expected, atol=1e-12)
+
+
+def test_a_robot_spec_says_what_the_scenario_says():
+    spec = RobotSpec.from_scenario(load_scenario("multimodal_fast"), "robot_2")
+    assert spec.name == "robot_2"
+    assert spec.radius == pytest.approx(0.25)
+    np.testing.assert_allclose(
+        spec.corners, [[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]]
+    )
