@@ -110,7 +110,12 @@ class Training(_Section):
     learning_rate: Positive = Field(3e-4, description="the other networks")
     gradient_clip: Positive = Field(10.0)
     target_rate: Share = Field(0.01, description="of the slow target parameters, per update")
-    demonstrations: int = Field(0, ge=0, description="transitions of scripted agents at the start")
+    demonstrations: int = Field(0, ge=0, description="transitions of the informed agent")
+    demonstration_share: Share = Field(0.25, description="of each batch, once there is a replay")
+    pretraining: int = Field(0, ge=0, description="updates on demonstrations before acting")
+    validation_minutes: Positive = Field(10.0, description="between validations [min]")
+    validation_episodes: Count = Field(10, description="per scenario")
+    checkpoint_minutes: Positive = Field(5.0, description="between checkpoints [min]")
     bfloat16: bool = Field(False, description="matrix products and convolutions in bfloat16")
 
 

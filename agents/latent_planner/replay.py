@@ -133,15 +133,19 @@ class Replay:
         Raises:
             ReplayError: fewer rows than one sequence needs.
         """
-        kept = self.lengths()
-        starts = np.maximum(kept - horizon, 0)
+        starts = np.maximum(self.lengths() - horizon, 0)
         if starts.sum() == 0:
             raise ReplayError(f"no lane has the {horizon + 1} rows that a sequence needs")
-        lane = np.repeat(np.arange(self.lanes), starts)
-        chosen = rng.integers(starts.sum(), size=count)
-        lane, offset = lane[chosen], chosen - np.concatenate([[0], np.cumsum(starts)])[lane[chosen]]
+        bounds = np.cumsum(starts)
         oldest = np.where(self._written > self.rows, self._written, 0)
-        row = (oldest[lane] + offset) % self.rows
+        lane, row = np.empty(0, np.int64), np.empty(0, np.int64)
+        while len(lane) < count:
+            chosen = rng.integers(bounds[-1], size=2 * count)
+            lanes = np.searchsorted(bounds, chosen, side="right")
+            rows = (oldest[lanes] + chosen - (bounds - starts)[lanes]) % self.rows
+            acted = ~self._data.final[lanes, rows]  # a final row has no action
+            lane, row = np.append(lane, lanes[acted]), np.append(row, rows[acted])
+        lane, row = lane[:count], row[:count]
         special = round(collision_share * count)
         if special:
             lanes, ends = np.nonzero(self._data.collision)
@@ -166,7 +170,7 @@ class Replay:
         data = self._data
         steps = (row + np.arange(horizon + 1)[:, None]) % self.rows
         actions = steps[:-1]
-        # A sequence that starts on a final row is empty; behind a final row nothing counts.
+        # Behind a final row nothing counts.
         valid = ~np.logical_or.accumulate(data.final[lane, actions], axis=0)
         maps = data.map[lane, steps]
         flip = np.flatnonzero(mirrored)

@@ -1,0 +1,135 @@
+"""Acting while training: the policy or MPPI, random lengths, decaying exploration.
+
+As in the paper, section IV.A: a decision is executed for L ~ Uniform(1, H) steps before the next
+one, and with probability epsilon, which falls from 0.5 to 0.05 over the first 25,000 decisions, it
+is an exploring one: correlated noise is added to what it does.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from crowdbench_agents.latent_planner.config import Config
+from crowdbench_agents.latent_planner.crowds import Sensed
+from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
+from numpy.typing import NDArray
+
+
+class Acts(NamedTuple):
+    """What E environments do next, actions in [-1, 1].
+
+    Attributes:
+        action: (E, 2) to execute.
+        reference: (E, 2) as planned, before exploration.
+        has_reference: (E,) whether there is a plan.
+    """
+
+    action: NDArray[np.float32]
+    reference: NDArray[np.float32]
+    has_reference: NDArray[np.bool_]
+
+
+class Explorer:
+    """Acts in E environments; MPPI plans in the first ``planning_environments`` of them.
+
+    Args:
+        model: the world model that is being trained.
+        config: all settings.
+        bounds: of the robot's actions.
+        seed: of all randomness in acting.
+    """
+
+    def __init__(self, model: WorldModel, config: Config, bounds: ActionBounds, seed: int) -> None:
+        self.decisions = 0
+        self.rng = np.random.default_rng(seed)
+        self.generator = torch.Generator().manual_seed(seed)
+        self._model, self._config = model, config
+        self._half = torch.from_numpy(bounds.half)
+        count, horizon = config.training.environments, config.planner.horizon
+        self._plans = torch.zeros(count, horizon, 2)
+        self._at = np.zeros(count, np.int64)
+        self._left = np.zeros(count, np.int64)
+        self._exploring = np.zeros(count, bool)
+        self._noise = np.zeros((count, 2))
+        self._last = torch.zeros(count, 2)
+        training = config.training
+        self._planning = np.arange(count) < training.planning_environments
+        self._budget = config.planner.model_copy(
+            update={
+                "candidates": training.planning_candidates,
+                "iterations": training.planning_iterations,
+                "elites": max(4, training.planning_candidates // 8),
+            }
+        )
+
+    @property
+    def epsilon(self) -> float:
+        """Probability that the next decision explores."""
+        training = self._config.training
+        done = min(1.0, self.decisions / training.epsilon_decisions)
+        return training.epsilon_start + done * (training.epsilon_end - training.epsilon_start)
+
+    def begin(self, which: NDArray[np.integer], velocity: NDArray[np.float32]) -> None:
+        """Forget the plans of environments (N,) that begin, at ``velocity`` (N, 2) in [-1, 1]."""
+        self._left[which] = 0
+        self._plans[which] = 0.0
+        self._at[which] = 0
+        self._last[which] = torch.from_numpy(velocity.astype(np.float32))
+
+    @torch.no_grad()
+    def act(self, sensed: Sensed) -> Acts:
+        """Decide where a decision is due and return everybody's next action."""
+        count = len(self._left)
+        z = self._model.encode(Inputs(*map(torch.from_numpy, sensed)))
+        self._decide(z)
+        noise = torch.randn(count, 2, generator=self.generator)
+        action = self._model.sample(z, noise)[0].float()
+        planning = torch.from_numpy(self._planning)
+        at = np.minimum(self._at, self._plans.shape[1] - 1)  # where nothing is planned it runs on
+        planned = self._plans[torch.arange(count), torch.from_numpy(at)]
+        action = torch.where(planning[:, None], planned, action).numpy()
+        training = self._config.training
+        rho = training.noise_correlation
+        fresh = self.rng.normal(scale=training.noise, size=(count, 2))
+        self._noise = rho * self._noise + np.sqrt(1 - rho**2) * fresh
+        explored = action + self._noise * self._exploring[:, None]
+        executed = np.clip(explored, -1, 1).astype(np.float32)
+        self._last = torch.from_numpy(executed)
+        self._left -= 1
+        self._at += 1
+        return Acts(executed, planned.numpy(), self._planning)
+
+    def _decide(self, z: torch.Tensor) -> None:
+        due = np.flatnonzero(self._left <= 0)
+        horizon = self._config.planner.horizon
+        epsilon = self.epsilon
+        self._left[due] = self.rng.integers(1, horizon + 1, size=len(due))
+        self._exploring[due] = self.rng.random(len(due)) < epsilon
+        self.decisions += len(due)
+        due = due[self._planning[due]]
+        if len(due):
+            done = torch.from_numpy(self._at[due])
+            steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
+            warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
+            self._plans[due] = plan(
+                self._model, z[due], self._last[due], self._budget, self._config.loss.discount,
+                self._half, self.generator, warm_start,
+            ).actions  # fmt: skip
+            self._at[due] = 0
+
+    def state(self) -> dict[str, Any]:
+        """Counters and random state."""
+        return {
+            "decisions": self.decisions,
+            "rng": self.rng.bit_generator.state,
+            "generator": self.generator.get_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what ``state`` returned."""
+        self.decisions = state["decisions"]
+        self.rng.bit_generator.state = state["rng"]
+        self.generator.set_state(state["generator"])

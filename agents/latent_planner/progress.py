@@ -1,0 +1,69 @@
+"""What a training run tells while it goes on: progress bar, TensorBoard, learning curve."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+
+class Journal:
+    """Writes the progress of one run.
+
+    Args:
+        name: of the run.
+        folder: for TensorBoard's files.
+        curve: the CSV file of the learning curve, appended to.
+        total: minutes or steps the run shall take, for the bar.
+    """
+
+    def __init__(self, name: str, folder: Path, curve: Path, total: float) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        curve.parent.mkdir(parents=True, exist_ok=True)
+        self._curve = curve
+        self._board = SummaryWriter(str(folder))
+        self._progress = Progress(
+            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f}%"),
+            TimeElapsedColumn(), TextColumn("{task.fields[note]}"), refresh_per_second=1,
+        )  # fmt: skip
+        self._task = self._progress.add_task(name, total=total, note="")
+
+    def __enter__(self) -> Journal:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._progress.stop()
+        self._board.close()
+
+    def advance(self, done: float, note: str) -> None:
+        """Move the bar to ``done`` of the total."""
+        self._progress.update(self._task, completed=done, note=note)
+
+    def say(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._progress.console.print(text, highlight=False)
+
+    def scalars(self, values: Mapping[str, float], step: int) -> None:
+        """Log numbers to TensorBoard at an environment step."""
+        for name, value in values.items():
+            self._board.add_scalar(name, value, step)
+
+    def point(self, row: Mapping[str, Any]) -> None:
+        """Append a point of the learning curve; its columns are those of the first point."""
+        new = not self._curve.is_file()
+        with self._curve.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, fieldnames=list(row), lineterminator="\n")
+            if new:
+                writer.writeheader()
+            writer.writerow(row)

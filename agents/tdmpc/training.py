@@ -1,0 +1,27 @@
+"""Training of the TD-MPC-style baseline: the latent planner's trainer with other settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from crowdbench_agents.latent_planner import training
+
+DIFFERENCES = {"loss.imitation": 0.0, "planner.smoothness_weight": 0.0}
+"""No imitation of the planner and no smoothness term; the social reward is left out as well."""
+
+
+def train(
+    name: str = "tdmpc",
+    minutes: float | None = None,
+    steps: int | None = None,
+    resume: bool = False,
+    seed: int = 0,
+    social: bool = False,
+    overrides: Mapping[str, Any] | None = None,
+) -> Path:
+    """Train the TD-MPC-style baseline; arguments as for the latent planner."""
+    return training.train(
+        name, minutes, steps, resume, seed, social, {**DIFFERENCES, **(overrides or {})}
+    )
