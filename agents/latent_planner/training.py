@@ -204,7 +204,7 @@ def train(
     """
     config = (config or load_config()).override(overrides or {})
     folder = RUNS / name
-    _check_folder(folder, resume)
+    check_folder(folder, resume)
     keep_freed_memory()
     torch.set_num_threads(1)
     folder.mkdir(parents=True, exist_ok=True)
@@ -329,7 +329,12 @@ def _command(name: str) -> list[str]:
     return ["crowdbench", "train", name]
 
 
-def _check_folder(folder: Path, resume: bool) -> None:
+def check_folder(folder: Path, resume: bool) -> None:
+    """Refuse to overwrite a run, or to resume none.
+
+    Raises:
+        TrainingError: there is a run and ``resume`` is not asked for, or the reverse.
+    """
     there = (folder / "checkpoint.pt").is_file()
     if resume and not there:
         raise TrainingError(f"nothing to resume: {folder / 'checkpoint.pt'} does not exist")

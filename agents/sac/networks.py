@@ -1,0 +1,49 @@
+"""The trained SAC actor, without Stable-Baselines3: the planner's encoder and an MLP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from crowdbench_agents.latent_planner.config import Config
+from crowdbench_agents.latent_planner.weights import fill, load_tensors
+from crowdbench_agents.latent_planner.world_model import ACTION, Encoder, Inputs
+from torch import Tensor, nn
+from torch.nn.functional import layer_norm
+
+FORMAT = "crowdbench-sac-actor-1"
+
+
+class SacActor(nn.Module):
+    """Observation -> mean action; the layout of the actor that Stable-Baselines3 trains.
+
+    Args:
+        cells: cells along each side of the obstacle map.
+        latent: features of the encoder.
+        hidden: hidden units.
+    """
+
+    def __init__(self, cells: int, latent: int, hidden: int) -> None:
+        super().__init__()
+        self.encoder = Encoder(cells, latent)
+        self.hidden = nn.Sequential(
+            nn.Linear(latent, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU()
+        )
+        self.mean = nn.Linear(hidden, ACTION)
+
+    def forward(self, inputs: Inputs) -> Tensor:
+        """Inputs (B, ...) -> actions (B, 2) in [-1, 1]."""
+        z = self.encoder(inputs)
+        return torch.tanh(self.mean(self.hidden(layer_norm(z, z.shape[-1:]))))
+
+
+def load_actor(path: str | Path) -> tuple[SacActor, Config]:
+    """Make an actor from a weights file, ready for use.
+
+    Raises:
+        WeightsError: missing, damaged, or not of this program's networks.
+    """
+    tensors, config, _ = load_tensors(Path(path), FORMAT)
+    actor = SacActor(config.perception.cells, config.model.latent, config.model.hidden)
+    fill(actor, tensors, Path(path))
+    return actor.eval().requires_grad_(False), config

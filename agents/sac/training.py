@@ -1,0 +1,415 @@
+"""Training of SAC with Stable-Baselines3, on the latent planner's observations and episodes.
+
+The encoder, the mixture of scenarios, the discount, the reward scale, the reflection, the
+multi-step returns and the demonstrations in the replay are the latent planner's; the learning
+algorithm is Stable-Baselines3's.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from crowdbench_agents.latent_planner.config import Config, load_config
+from crowdbench_agents.latent_planner.crowds import Crowds, Sensed
+from crowdbench_agents.latent_planner.demonstrations import final_rows, load_demonstrations
+from crowdbench_agents.latent_planner.learner import TrainingError
+from crowdbench_agents.latent_planner.memory import keep_freed_memory
+from crowdbench_agents.latent_planner.progress import Journal
+from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows, join
+from crowdbench_agents.latent_planner.training import CURVES, RUNS, Mixture, check_folder
+from crowdbench_agents.latent_planner.validation import validate
+from crowdbench_agents.latent_planner.weights import save_weights
+from crowdbench_agents.latent_planner.world_model import Encoder, Inputs
+from crowdbench_agents.sac.networks import FORMAT, SacActor
+from gymnasium import spaces
+from stable_baselines3 import SAC
+from stable_baselines3.common.buffers import DictReplayBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import DictReplayBufferSamples
+from stable_baselines3.common.vec_env import VecEnv
+from torch import Tensor
+from torch.nn.functional import layer_norm
+
+BATCH = 256
+
+
+class MapFeatures(BaseFeaturesExtractor):
+    """The latent planner's encoder as a features extractor."""
+
+    def __init__(self, space: spaces.Dict, cells: int, latent: int, bfloat16: bool) -> None:
+        super().__init__(space, latent)
+        self.encoder = Encoder(cells, latent)
+        self._bfloat16 = bfloat16
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        """Observations (B, ...) -> features (B, latent)."""
+        bits = observations["map"].to(torch.uint8)
+        inputs = Inputs(bits, observations["velocity"], observations["goal"])
+        with torch.autocast("cpu", torch.bfloat16, enabled=self._bfloat16):
+            z = self.encoder(inputs).float()
+        return layer_norm(z, z.shape[-1:])
+
+
+class CrowdVecEnv(VecEnv):
+    """The crowds as Stable-Baselines3 wants them: automatic reset, actions in [-1, 1]."""
+
+    def __init__(self, crowds: Crowds, mixture: Mixture) -> None:
+        cells = crowds.sensed.map.shape[-1]
+        space = spaces.Dict(
+            {
+                "map": spaces.Box(0, 255, (cells, cells), np.uint8),
+                "velocity": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+                "goal": spaces.Box(-np.inf, np.inf, (2,), np.float32),
+            }
+        )
+        self.crowds, self._mixture = crowds, mixture
+        self._everywhere = np.arange(crowds.count)
+        self.social = True
+        super().__init__(crowds.count, space, spaces.Box(-1, 1, (2,), np.float32))
+
+    def reset(self) -> dict[str, np.ndarray]:
+        """Begin an episode in every environment."""
+        self.crowds.begin(self._everywhere)
+        return self._sensed()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Remember the actions."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Step every environment and begin again where an episode is over."""
+        crowds = self.crowds
+        result = crowds.step(self._everywhere, crowds.bounds.physical(self._actions))
+        infos: list[dict[str, Any]] = [
+            {"social": social, "collision": outcome == "collision"}
+            for social, outcome in zip(result.social, result.outcome, strict=True)
+        ]
+        over = np.flatnonzero(result.over)
+        for index in over:
+            infos[index]["terminal_observation"] = {
+                key: value[index].copy() for key, value in self._sensed().items()
+            }
+            infos[index]["TimeLimit.truncated"] = not result.end[index]
+            success = result.outcome[index] == "success"
+            self._mixture.record(crowds.scenario[index], success)
+        crowds.begin(over)
+        return self._sensed(), result.reward, result.over, infos
+
+    def _sensed(self) -> dict[str, np.ndarray]:
+        return {key: value.copy() for key, value in self.crowds.sensed._asdict().items()}
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """No attributes but the render mode are asked for."""
+        return [getattr(self, attr_name, None)] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Nothing can be set."""
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kw: Any) -> list[Any]:
+        """No methods are offered."""
+        return []
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Nothing is wrapped."""
+        return [False] * self.num_envs
+
+
+class CrowdReplay(DictReplayBuffer):
+    """The latent planner's replay, with demonstrations, behind Stable-Baselines3's interface."""
+
+    def __init__(
+        self,
+        buffer_size: int,
+        observation_space: spaces.Space,
+        action_space: spaces.Space,
+        device: Any = "cpu",
+        n_envs: int = 1,
+        optimize_memory_usage: bool = False,
+        *,
+        config: Config,
+        replay: Replay,
+        demonstrations: Replay | None,
+        rng: np.random.Generator,
+    ) -> None:
+        super().__init__(1, observation_space, action_space, device, n_envs=n_envs)
+        self._config, self._replay, self._demonstrations = config, replay, demonstrations
+        self._rng = rng
+
+    def add(self, obs, next_obs, action, reward, done, infos) -> None:
+        """Keep one step of every environment."""
+        lanes, count = np.arange(self.n_envs), self.n_envs
+        social = np.array([info["social"] for info in infos], np.float32)
+        late = np.array([info.get("TimeLimit.truncated", False) for info in infos])
+        collided = np.array([info["collision"] for info in infos])
+        no, blank = np.zeros(count, bool), np.zeros((count, 2), np.float32)
+        self._replay.append(
+            lanes,
+            Rows(
+                obs["map"], obs["velocity"], obs["goal"], action, reward, social, done & ~late,
+                collided, no, blank, no,
+            ),
+        )  # fmt: skip
+        over = np.flatnonzero(done)
+        if len(over):
+            last = (next_obs[key][over] for key in ("map", "velocity", "goal"))
+            self._replay.append(over, final_rows(*last))
+
+    def sample(self, batch_size: int, env: Any = None) -> DictReplayBufferSamples:
+        """Draw n-step transitions, a share of them from the demonstrations."""
+        settings, loss = self._config.training, self._config.loss
+        options = loss.n_step, self._rng, 0.0, settings.reflect
+        taught = round(settings.demonstration_share * batch_size) if self._demonstrations else 0
+        batch = self._replay.sample(batch_size - taught, *options)
+        if self._demonstrations is not None and taught:
+            batch = join(batch, self._demonstrations.sample(taught, *options))
+        return n_step(batch, loss.discount, settings.reward_scale)
+
+
+def n_step(batch: Batch, discount: float, scale: float) -> DictReplayBufferSamples:
+    """Sum the rewards of sequences up to their end; see value_targets of the latent planner."""
+    powers = discount ** torch.arange(len(batch.reward))[:, None]
+    reward = (batch.reward * batch.valid * powers).sum(dim=0) * scale
+    length = batch.valid.sum(dim=0).long()
+    columns = torch.arange(len(length))
+    return DictReplayBufferSamples(
+        observations={key: value[0] for key, value in batch.inputs._asdict().items()},
+        actions=batch.action[0],
+        next_observations={
+            key: value[length, columns] for key, value in batch.inputs._asdict().items()
+        },
+        dones=(batch.end * batch.valid).amax(dim=0)[:, None],
+        rewards=reward[:, None],
+        discounts=(discount**length)[:, None],
+    )
+
+
+class Keeper(BaseCallback):
+    """Validates, saves and ends the training."""
+
+    def __init__(
+        self, run: SacRun, journal: Journal, minutes: float | None, steps: int | None
+    ) -> None:
+        super().__init__()
+        self._run, self._journal, self._minutes, self._steps = run, journal, minutes, steps
+        self._begun = self._saved = self._validated = self._noted = time.perf_counter()
+        self._before, self._noted_steps = run.seconds, run.model.num_timesteps
+
+    def _on_step(self) -> bool:
+        run, now = self._run, time.perf_counter()
+        settings = run.config.training
+        elapsed, steps = now - self._begun, run.model.num_timesteps
+        run.seconds = self._before + elapsed
+        if now - self._noted > 15:
+            speed = (steps - self._noted_steps) / (now - self._noted)
+            success = float(np.mean(list(run.mixture.success.values())))
+            alpha = float(run.model.log_ent_coef.detach().exp())
+            run.check()
+            self._journal.scalars({"success_in_training": success, "alpha": alpha}, steps)
+            note = f"success {success:.2f}, {speed:.0f} steps/s, {run.model._n_updates} updates"
+            self._journal.advance(elapsed if self._minutes is not None else steps, note)
+            self._noted, self._noted_steps = now, steps
+        done = (self._minutes is not None and elapsed >= self._minutes * 60) or (
+            self._steps is not None and steps >= self._steps
+        )
+        if done or now - self._validated > 60 * settings.validation_minutes:
+            run.validate(self._journal)
+            self._validated = time.perf_counter()
+        if not done and now - self._saved > 60 * settings.checkpoint_minutes:
+            run.save()
+            self._saved = time.perf_counter()
+        return not done
+
+
+class SacRun:
+    """One training run and all that has to survive an interruption."""
+
+    def __init__(
+        self, folder: Path, config: Config, seed: int, social: bool, facts: dict[str, Any]
+    ) -> None:
+        self.folder, self.config, self._facts = folder, config, facts
+        settings, geometry = config.training, config.perception.geometry
+        self.mixture = Mixture(seed)
+        self.rng = np.random.default_rng([seed, 2])
+        count = settings.environments
+        rows = -(-settings.replay // count)
+        self.replay = Replay(count, rows, geometry.cells, social, folder / "replay")
+        demonstrations = None
+        if settings.demonstrations:
+            demonstrations = load_demonstrations(
+                folder.parent / f"demonstrations-{settings.demonstrations}",
+                settings.demonstrations, geometry, social,
+            )  # fmt: skip
+        features = {
+            "cells": geometry.cells, "latent": config.model.latent, "bfloat16": settings.bfloat16,
+        }  # fmt: skip
+        target = config.loss.entropy_target
+        self.model = SAC(
+            "MultiInputPolicy",
+            CrowdVecEnv(Crowds(count, self.mixture, geometry), self.mixture),
+            learning_rate=settings.learning_rate,
+            learning_starts=settings.warmup,
+            batch_size=BATCH,
+            tau=settings.target_rate,
+            gamma=config.loss.discount,
+            train_freq=1,
+            gradient_steps=max(1, round(settings.updates_per_step)),
+            replay_buffer_class=CrowdReplay,
+            replay_buffer_kwargs={
+                "config": config, "replay": self.replay, "demonstrations": demonstrations,
+                "rng": self.rng,
+            },
+            target_entropy="auto" if target is None else target,
+            policy_kwargs={
+                "net_arch": [config.model.hidden, config.model.hidden],
+                "features_extractor_class": MapFeatures,
+                "features_extractor_kwargs": features,
+            },
+            seed=seed,
+            device="cpu",
+        )  # fmt: skip
+        self.seconds, self.best = 0.0, -1.0
+
+    def actor(self) -> SacActor:
+        """The present actor on its own."""
+        source = self.model.policy.actor
+        settings = self.config.model
+        actor = SacActor(self.config.perception.cells, settings.latent, settings.hidden)
+        actor.encoder.load_state_dict(source.features_extractor.encoder.state_dict())
+        actor.hidden.load_state_dict(source.latent_pi.state_dict())
+        actor.mean.load_state_dict(source.mu.state_dict())
+        return actor.eval().requires_grad_(False)
+
+    def check(self) -> None:
+        """Stop a training that has diverged.
+
+        Raises:
+            TrainingError: a parameter is not finite.
+        """
+        if not all(torch.isfinite(p).all() for p in self.model.policy.parameters()):
+            raise TrainingError("a parameter is not finite; lower the learning rate and resume")
+
+    def validate(self, journal: Journal) -> None:
+        """Success of the actor on validation seeds; keeps the best."""
+        actor = self.actor()
+
+        def act(sensed: Sensed, before: np.ndarray) -> np.ndarray:
+            return actor(Inputs(*map(torch.from_numpy, sensed))).numpy()
+
+        settings = self.config.training
+        result = validate(act, self.config.perception.geometry, settings.validation_episodes)
+        steps = self.model.num_timesteps
+        row = {
+            "steps": steps, "decisions": steps, "updates": self.model._n_updates,
+            "seconds": round(self.seconds, 1), "success": round(result.mean, 4),
+            "smoothness": round(result.smoothness, 4), "time_to_goal": round(result.seconds, 2),
+        }  # fmt: skip
+        row |= {key: round(value, 4) for key, value in result.success.items()}
+        row |= {f"training_{key}": round(value, 4) for key, value in self.mixture.success.items()}
+        journal.point(row)
+        journal.scalars({"validation_mean": result.mean}, steps)
+        each = " ".join(f"{value:.2f}" for value in result.success.values())
+        journal.say(
+            f"{self.seconds / 60:.1f} min, {steps} steps, {self.model._n_updates} updates: "
+            f"success {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}"
+        )
+        if result.mean >= self.best:
+            self.best = result.mean
+            self.export("best", row)
+
+    def export(self, name: str, row: Mapping[str, Any]) -> None:
+        """Write the actor's weights."""
+        path = self.folder / f"{name}.safetensors"
+        save_weights(path, self.actor().state_dict(), self.config, {**self._facts, **row}, FORMAT)
+
+    def save(self) -> None:
+        """Write a checkpoint atomically.
+
+        Raises:
+            TrainingError: no room on the disk.
+        """
+        model, part = self.model, self.folder / "checkpoint.part"
+        state = {
+            "policy": model.policy.state_dict(),
+            "actor_optimizer": model.actor.optimizer.state_dict(),
+            "critic_optimizer": model.critic.optimizer.state_dict(),
+            "alpha_optimizer": model.ent_coef_optimizer.state_dict(),
+            "log_alpha": model.log_ent_coef.detach().clone(),
+            "torch_rng": torch.get_rng_state(),
+            "rng": json.dumps(self.rng.bit_generator.state),
+            "mixture": json.dumps([self.mixture.success, self.mixture.episodes]),
+            "counters": json.dumps(
+                [model.num_timesteps, model._n_updates, self.seconds, self.best]
+            ),
+        }
+        try:
+            torch.save(state, part)
+            part.replace(self.folder / "checkpoint.pt")
+        except (OSError, RuntimeError) as error:
+            raise TrainingError(f"{part}: the checkpoint could not be written ({error})") from error
+
+    def restore(self) -> None:
+        """Continue from the checkpoint in the run's folder."""
+        state, model = torch.load(self.folder / "checkpoint.pt", weights_only=True), self.model
+        model.policy.load_state_dict(state["policy"])
+        model.actor.optimizer.load_state_dict(state["actor_optimizer"])
+        model.critic.optimizer.load_state_dict(state["critic_optimizer"])
+        model.ent_coef_optimizer.load_state_dict(state["alpha_optimizer"])
+        with torch.no_grad():
+            model.log_ent_coef.copy_(state["log_alpha"])
+        torch.set_rng_state(state["torch_rng"])
+        self.rng.bit_generator.state = json.loads(state["rng"])
+        self.mixture.success, self.mixture.episodes = json.loads(state["mixture"])
+        counters = json.loads(state["counters"])
+        model.num_timesteps, model._n_updates, self.seconds, self.best = counters
+
+
+def train(
+    name: str = "sac",
+    minutes: float | None = None,
+    steps: int | None = None,
+    resume: bool = False,
+    seed: int = 0,
+    social: bool = True,
+    overrides: Mapping[str, Any] | None = None,
+) -> Path:
+    """Train SAC; arguments as for the latent planner.
+
+    Raises:
+        TrainingError: nothing to resume, a run in the way, a diverged training, a full disk.
+    """
+    config = load_config().override(overrides or {})
+    folder, curve = RUNS / name, CURVES / f"{name}.csv"
+    check_folder(folder, resume)
+    keep_freed_memory()
+    torch.set_num_threads(1)
+    folder.mkdir(parents=True, exist_ok=True)
+    facts = {"run": name, "seed": seed, "social": social}
+    run = SacRun(folder, config, seed, social, facts)
+    if resume:
+        run.restore()
+    else:
+        curve.unlink(missing_ok=True)
+    run.replay.cut()
+    total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
+    with Journal(name, folder, curve, total) as journal:
+        try:
+            run.model.learn(
+                total_timesteps=10**12,
+                callback=Keeper(run, journal, minutes, steps),
+                reset_num_timesteps=False,
+            )
+        except KeyboardInterrupt:
+            journal.say("stopped; resume with --resume")
+        run.save()
+        run.export("last", {"steps": run.model.num_timesteps, "seconds": run.seconds})
+    return folder
