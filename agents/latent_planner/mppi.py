@@ -65,19 +65,31 @@ def plan(
     def draw(*shape: int) -> Tensor:
         return torch.randn(*shape, generator=generator)
 
-    from_policy = _policy_rollouts(model, z, draw(robots, guided, horizon, ACTION))
+    from_policy = policy_rollouts(model, z, draw(robots, guided, horizon, ACTION))
     for _ in range(settings.iterations):
         sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
         candidates = torch.cat([from_policy, sampled.clamp(-1, 1)], dim=1)
         scores = evaluate(
             model, z, candidates, previous, settings.smoothness_weight, discount, half_range, score
         )
-        best, indices = scores.topk(min(settings.elites, settings.candidates), dim=1)
-        elites = candidates.gather(1, indices[..., None, None].expand(-1, -1, horizon, ACTION))
-        weights = torch.softmax(best / settings.temperature, dim=1)[..., None, None]
-        mean = (weights * elites).sum(dim=1)
-        variance = (weights * (elites - mean[:, None]).square()).sum(dim=1)
-        std = variance.sqrt().clamp(settings.min_std, settings.max_std)
+        mean, std, best = refit(candidates, scores, settings)
+    return Plan(mean, std, best)
+
+
+def refit(candidates: Tensor, scores: Tensor, settings: Planner) -> Plan:
+    """Move the Gaussian to the elites, weighted by exp(score / temperature).
+
+    Args:
+        candidates: (M, N, H, 2) in [-1, 1].
+        scores: (M, N) phi.
+        settings: elites, temperature and limits of the standard deviation.
+    """
+    best, indices = scores.topk(min(settings.elites, scores.shape[1]), dim=1)
+    elites = candidates.gather(1, indices[..., None, None].expand(-1, -1, *candidates.shape[2:]))
+    weights = torch.softmax(best / settings.temperature, dim=1)[..., None, None]
+    mean = (weights * elites).sum(dim=1)
+    variance = (weights * (elites - mean[:, None]).square()).sum(dim=1)
+    std = variance.sqrt().clamp(settings.min_std, settings.max_std)
     return Plan(mean, std, best[:, 0])
 
 
@@ -124,7 +136,7 @@ def roughness(candidates: Tensor, previous: Tensor, half_range: Tensor) -> Tenso
     return (before.diff(dim=2) * half_range).square().sum(dim=(2, 3))
 
 
-def _policy_rollouts(model: WorldModel, z: Tensor, noise: Tensor) -> Tensor:
+def policy_rollouts(model: WorldModel, z: Tensor, noise: Tensor) -> Tensor:
     """Action sequences (M, N, H, 2) of the policy from states z, noise of that shape."""
     z = z[:, None].expand(-1, noise.shape[1], -1)
     actions = []
