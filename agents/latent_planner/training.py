@@ -250,7 +250,10 @@ def _loop(
             if count % 100 == 0:
                 run.learner.check(_means(sums, count))
                 shares = f"{run.learner.updates}/{settings.pretraining} updates on demonstrations"
-                journal.advance(elapsed() if minutes else run.steps, shares)
+                journal.advance(elapsed() if minutes is not None else run.steps, shares)
+                run.seconds = before + elapsed()
+        if count:
+            _validate(run, journal, facts)
     run.begin()
     while True:
         run.step()
