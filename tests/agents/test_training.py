@@ -1,0 +1,231 @@
+"""Losses by hand, learning on a fixed batch, and runs that stop and go on."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from crowdbench_agents.latent_planner.config import Config, Loss, load_config
+from crowdbench_agents.latent_planner.exploration import Explorer
+from crowdbench_agents.latent_planner.learner import Learner, TrainingError
+from crowdbench_agents.latent_planner.losses import model_loss, policy_loss, value_targets
+from crowdbench_agents.latent_planner.replay import Batch
+from crowdbench_agents.latent_planner.training import Mixture, check_folder, train
+from crowdbench_agents.latent_planner.validation import validate
+from crowdbench_agents.latent_planner.weights import load_world_model
+from crowdbench_agents.latent_planner.world_model import Inputs
+from crowdbench_agents.perception import MapGeometry
+
+import crowdbench
+
+TINY = {
+    "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "model.dynamics_hidden": 32,
+    "training.environments": 4, "training.planning_environments": 2,
+    "training.planning_candidates": 8, "training.planning_iterations": 1, "training.batch": 8,
+    "training.replay": 2000, "training.warmup": 60, "training.demonstrations": 0,
+    "training.pretraining": 0, "training.validation_episodes": 1, "planner.horizon": 3,
+    "training.bfloat16": False,
+}  # fmt: skip
+
+
+def tiny(**changes):
+    return load_config().override(TINY | changes)
+
+
+def sequences(horizon, count, seed=0, cells=16):
+    g = torch.Generator().manual_seed(seed)
+    inputs = Inputs(
+        torch.randint(0, 256, (horizon + 1, count, cells, cells), dtype=torch.uint8, generator=g),
+        torch.rand(horizon + 1, count, 2, generator=g),
+        torch.randn(horizon + 1, count, 2, generator=g),
+    )
+    ones, pair = torch.ones(horizon, count), torch.rand(horizon, count, 2, generator=g) * 2 - 1
+    reward = torch.randn(horizon, count, generator=g)
+    return Batch(inputs, pair, reward, 0 * ones, 0 * ones, ones, pair, ones)
+
+
+def returns_of(reward, end, valid, value, steps, discount=0.5):
+    """Value targets of one sequence, numbers in lists."""
+    column = [torch.tensor(x, dtype=torch.float32)[:, None] for x in (reward, end, valid)]
+    empty = torch.zeros(0)
+    batch = Batch(None, empty, column[0], column[1], column[1], column[2], empty, empty)
+    value = torch.tensor(value, dtype=torch.float32)[:, None]
+    return value_targets(batch, value, discount, steps)[:, 0].tolist()
+
+
+def test_value_targets_by_hand():
+    reward, value = [1.0, 2.0, 4.0], [10.0, 20.0, 40.0]
+    go, all_valid = [0, 0, 0], [1, 1, 1]
+    assert returns_of(reward, go, all_valid, value, 1) == [6, 12, 24]
+    assert returns_of(reward, go, all_valid, value, 2) == [1 + 1 + 5, 2 + 2 + 10, 24]
+    assert returns_of(reward, go, all_valid, value, 3) == [1 + 1 + 1 + 5, 14, 24]
+
+
+def test_nothing_is_added_behind_an_end():
+    assert returns_of([1.0, 2, 4], [0, 1, 0], [1, 1, 0], [10.0, 20, 40], 3)[:2] == [2, 2]
+
+
+def test_behind_the_time_limit_the_value_counts():
+    assert returns_of([1.0, 2, 4], [0, 0, 0], [1, 1, 0], [10.0, 20, 40], 3)[:2] == [7, 12]
+
+
+def test_steps_behind_the_end_of_an_episode_do_not_count():
+    config = tiny()
+    learner = Learner(config, seed=0)
+    batch = sequences(3, 5)
+    batch.valid[1:] = 0
+    other = batch._replace(reward=batch.reward.clone())
+    other.reward[1:] = 100.0
+    noise = torch.zeros(3, 5, 2)
+    loss = config.loss.model_copy(update={"n_step": 1})
+    a, b = (model_loss(learner.model, learner.target, x, loss, noise) for x in (batch, other))
+    assert a.total == b.total
+
+
+class Linear:
+    """A hand-made critic and policy for the policy's loss: Q = 2 a_0, a = noise, log pi = -1."""
+
+    @staticmethod
+    def sample(latents, noise):
+        return noise, -torch.ones(noise.shape[:-1])
+
+    @staticmethod
+    def q(latents, action):
+        value = 2 * action[..., 0]
+        return torch.stack([value, value + 1])
+
+
+def test_policy_loss_by_hand():
+    batch = sequences(2, 1)
+    reference = torch.tensor([[[0.5, 0.0]], [[0.0, 0.0]]])
+    batch = batch._replace(reference=reference, has_reference=torch.tensor([[1.0], [0.0]]))
+    noise = torch.tensor([[[1.0, 1.0]], [[-1.0, 0.0]]])
+    loss = Loss(imitation=3.0, horizon_decay=0.5, twin_minimum=True)
+    result = policy_loss(Linear, torch.zeros(2, 1, 4), batch, loss, 0.1, 4.0, noise)
+    first = 0.1 * -1 - 2 / 4 + 3 * (0.25 + 1)
+    second = 0.1 * -1 + 2 / 4
+    assert float(result.total) == pytest.approx((first + 0.5 * second) / 1.5)
+
+
+def test_updates_on_a_fixed_batch_reduce_every_loss():
+    learner = Learner(tiny(**{"loss.imitation": 10.0, "loss.entropy_target": -4.0}), seed=0)
+    batch = sequences(3, 16)
+    history = [learner.update(batch) for _ in range(150)]
+    for name in ("reward", "termination", "imitation"):
+        before = np.mean([float(terms[name]) for terms in history[:5]])
+        after = np.mean([float(terms[name]) for terms in history[-5:]])
+        assert after < 0.8 * before, name
+    learner.check({key: float(value) for key, value in history[-1].items()})
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"value": float("nan"), "latent_spread": 1.0}, "value is nan"),
+        ({"value": 1.0, "latent_spread": 1e-4}, "latent state died"),
+    ],
+)
+def test_a_dead_training_is_stopped(terms, message):
+    with pytest.raises(TrainingError, match=message):
+        Learner(tiny(), seed=0).check(terms)
+
+
+def test_a_collapsed_encoder_is_noticed():
+    learner = Learner(tiny(), seed=0)
+    with torch.no_grad():
+        for parameter in learner.model.encoder.fuse.parameters():
+            parameter.zero_()
+        learner.model.encoder.fuse.bias.normal_()
+    terms = learner.update(sequences(3, 16))
+    with pytest.raises(TrainingError, match="latent state died"):
+        learner.check({key: float(value) for key, value in terms.items()})
+
+
+def test_a_restored_learner_goes_on_as_if_nothing_had_happened(tmp_path):
+    batches = [sequences(3, 8, seed=i) for i in range(6)]
+    straight = Learner(tiny(), seed=0)
+    for batch in batches:
+        straight.update(batch)
+    first = Learner(tiny(), seed=0)
+    for batch in batches[:3]:
+        first.update(batch)
+    torch.save(first.state(), tmp_path / "state.pt")
+    second = Learner(tiny(), seed=9)
+    second.restore(torch.load(tmp_path / "state.pt", weights_only=True))
+    for batch in batches[3:]:
+        second.update(batch)
+    for a, b in zip(straight.model.parameters(), second.model.parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert (second.updates, second.alpha) == (straight.updates, straight.alpha)
+
+
+def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
+    config = Config()
+    learner = Learner(tiny(), seed=0)
+    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
+    from crowdbench_agents.latent_planner.world_model import ActionBounds
+
+    explorer = Explorer(learner.model, config, ActionBounds.of(robot), seed=0)
+    seen = []
+    for explorer.decisions in (0, 12_500, 25_000, 10**6):
+        seen.append(explorer.epsilon)
+    assert seen == pytest.approx([0.5, 0.275, 0.05, 0.05])
+
+
+def test_the_mixture_draws_what_fails_more_often_and_training_seeds_only():
+    mixture = Mixture(seed=3)
+    for _ in range(500):
+        for name in mixture.success:
+            mixture.record(name, name != "corridor_dense")
+    drawn = [next(mixture) for _ in range(1000)]
+    share = np.mean([name == "corridor_dense" for name, _ in drawn])
+    assert share == pytest.approx(1.1 / (1.1 + 11 * 0.1), abs=0.06)
+    assert min(seed for _, seed in drawn) >= 1_000_000
+    assert len({seed for _, seed in drawn}) == 1000
+
+
+def test_validation_counts_arrivals():
+    def towards_goal(sensed, before):
+        bearing = np.arctan2(sensed.goal[:, 1], sensed.goal[:, 0])
+        return np.stack([np.ones(len(bearing)), np.clip(bearing, -1, 1)], axis=-1)
+
+    def stand(sensed, before):
+        return np.tile(np.array([-1.0, 0.0], np.float32), (len(before), 1))
+
+    geometry = MapGeometry(16, 6.0, 4.0)
+    moving = validate(towards_goal, geometry, 3, ["unimodal_slow"])
+    standing = validate(stand, geometry, 1, ["corridor_sparse"])
+    assert standing.success == {"corridor_sparse": 0.0}
+    assert standing.smoothness == 0.0
+    assert moving.success["unimodal_slow"] in (0.0, pytest.approx(1 / 3), pytest.approx(2 / 3), 1.0)
+
+
+@pytest.fixture
+def in_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(crowdbench, "scenario_names", lambda: ["corridor_sparse", "unimodal_slow"])
+    return tmp_path
+
+
+def test_a_run_trains_stops_and_goes_on(in_empty_folder):
+    folder = train("short", steps=200, overrides=TINY)
+    curve = in_empty_folder / "results/training/short.csv"
+    lines = curve.read_text().splitlines()
+    assert lines[0].startswith("steps,decisions,updates,seconds,success")
+    updates = int(lines[-1].split(",")[2])
+    assert int(lines[-1].split(",")[0]) == 200
+    assert updates > 10
+    with pytest.raises(TrainingError, match="holds a run"):
+        train("short", steps=300, overrides=TINY)
+    train("short", steps=300, resume=True, overrides=TINY)
+    last = curve.read_text().splitlines()[-1].split(",")
+    assert int(last[0]) == 300
+    assert int(last[2]) > updates
+    _, config = load_world_model(folder / "last.safetensors")
+    assert config.model.latent == 32
+    assert json.loads(json.dumps(TINY))["planner.horizon"] == config.planner.horizon
+
+
+def test_resuming_nothing_is_refused(tmp_path):
+    with pytest.raises(TrainingError, match="nothing to resume"):
+        check_folder(tmp_path, resume=True)
