@@ -83,6 +83,12 @@ class Loss(_Section):
     n_step: Count = Field(1, description="rewards summed before the target value")
     twin_minimum: bool = Field(True, description="the smaller of the two target Qs")
     imitation: NonNegative = Field(1.0, description="lambda, on |a - a_reference|^2")
+    teaching: NonNegative = Field(
+        1.0, description="imitation of demonstrations, as a multiple of that of MPPI"
+    )
+    imitation_shaping: NonNegative = Field(
+        0.0, description="how much the imitation error shapes the encoder and the dynamics"
+    )
     entropy: NonNegative = Field(0.01, description="alpha, or its start when it is tuned")
     entropy_target: float | None = Field(None, description="nats; None keeps alpha fixed")
 

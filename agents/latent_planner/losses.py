@@ -69,6 +69,9 @@ def model_loss(
     }
     total = sum(getattr(loss, name) * term for name, term in terms.items())
     assert isinstance(total, Tensor)
+    if loss.imitation_shaping > 0:
+        error = (model.act(states) - batch.reference).square().sum(dim=-1)
+        total = total + loss.imitation_shaping * (error * batch.has_reference * weight).sum()
     first = latents[0].detach()
     terms["latent_spread"] = first.std(dim=0).mean()
     terms["value_mean"] = (returns * weight).sum()

@@ -29,7 +29,7 @@ class Batch(NamedTuple):
         collision: (H, B) 1 where the action ended it by collision.
         valid: (H, B) 1 up to the end of the episode, 0 behind it.
         reference: (H, B, 2) what a planner proposed, in [-1, 1]; the imitation target.
-        has_reference: (H, B) 1 where there is one.
+        has_reference: (H, B) weight of the imitation, 0 where there is no reference.
     """
 
     inputs: Inputs

@@ -7,7 +7,6 @@ into the replay, and the networks are updated. Demonstrations come first and sta
 from __future__ import annotations
 
 import json
-import shlex
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -22,7 +21,7 @@ from crowdbench_agents.latent_planner.demonstrations import final_rows, load_dem
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.progress import Journal
+from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
 from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows, join
 from crowdbench_agents.latent_planner.validation import policy_act, validate
 from crowdbench_agents.latent_planner.weights import FORMAT, save_weights
@@ -128,12 +127,17 @@ class Run:
         if self.demonstrations is None:
             return self.replay.sample(settings.batch, *options)
         if len(self.replay) < settings.warmup:
-            return self.demonstrations.sample(settings.batch, *options)
+            return self._taught(settings.batch, options)
         taught = round(settings.demonstration_share * settings.batch)
         batch = self.replay.sample(settings.batch - taught, *options)
         if not taught:
             return batch
-        return join(batch, self.demonstrations.sample(taught, *options))
+        return join(batch, self._taught(taught, options))
+
+    def _taught(self, count: int, options: tuple[Any, ...]) -> Batch:
+        assert self.demonstrations is not None
+        batch = self.demonstrations.sample(count, *options)
+        return batch._replace(has_reference=batch.has_reference * self.config.loss.teaching)
 
     def save(self) -> None:
         """Write a checkpoint atomically.
@@ -211,16 +215,16 @@ def train(
     run = Run(folder, config, seed, social)
     if resume:
         run.restore()
-    facts = {"run": name, "seed": seed, "social": social, "command": shlex.join(_command(name))}
+    facts = {"run": name, "seed": seed, "social": social}
     total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
     curve = CURVES / f"{name}.csv"
     if not resume:
         curve.unlink(missing_ok=True)
-    with Journal(name, folder, curve, total) as journal:
+    with stop_on_signals(), Journal(name, folder, curve, total) as journal:
         try:
             _loop(run, journal, facts, minutes, steps)
         except KeyboardInterrupt:
-            journal.say(f"stopped; resume with: {shlex.join(_command(name))} --resume")
+            journal.say("stopped; --resume continues this run")
         run.save()
         run.export("last", facts | {"steps": run.steps, "seconds": run.seconds})
     return folder
@@ -254,6 +258,7 @@ def _loop(
                 run.seconds = before + elapsed()
         if count:
             _validate(run, journal, facts)
+            saved = validated = time.perf_counter()
     run.begin()
     while True:
         run.step()
@@ -326,10 +331,6 @@ def _means(sums: Mapping[str, torch.Tensor], count: int) -> dict[str, float]:
 
 def _plain(state: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in state.items() if not isinstance(value, torch.Tensor)}
-
-
-def _command(name: str) -> list[str]:
-    return ["crowdbench", "train", name]
 
 
 def check_folder(folder: Path, resume: bool) -> None:

@@ -20,7 +20,7 @@ from crowdbench_agents.latent_planner.crowds import Crowds, Sensed
 from crowdbench_agents.latent_planner.demonstrations import final_rows, load_demonstrations
 from crowdbench_agents.latent_planner.learner import TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.progress import Journal
+from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
 from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows, join
 from crowdbench_agents.latent_planner.training import CURVES, RUNS, Mixture, check_folder
 from crowdbench_agents.latent_planner.validation import validate
@@ -401,7 +401,7 @@ def train(
         curve.unlink(missing_ok=True)
     run.replay.cut()
     total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-    with Journal(name, folder, curve, total) as journal:
+    with stop_on_signals(), Journal(name, folder, curve, total) as journal:
         try:
             run.model.learn(
                 total_timesteps=10**12,
@@ -409,7 +409,7 @@ def train(
                 reset_num_timesteps=False,
             )
         except KeyboardInterrupt:
-            journal.say("stopped; resume with --resume")
+            journal.say("stopped; --resume continues this run")
         run.save()
         run.export("last", {"steps": run.model.num_timesteps, "seconds": run.seconds})
     return folder
