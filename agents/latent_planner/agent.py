@@ -1,0 +1,184 @@
+"""The latent planner as an agent: encode, plan, execute the first E actions, plan again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+from crowdbench_agents.learned_agent import LearnedAgent
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+import crowdbench
+
+if TYPE_CHECKING:
+    from crowdbench_agents.latent_planner.config import Config
+    from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
+
+
+class Options(BaseModel):
+    """The options of a latent planner, checked; see LatentPlanner."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    horizon: Annotated[int, Field(ge=1, le=100)]
+    execute: Annotated[int, Field(ge=1, le=100)]
+    smoothness_weight: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None
+    policy_prior: bool
+    use_mppi: bool
+    score: Literal["reward_q", "reward", "q"]
+    iterations: Annotated[int, Field(ge=1)]
+    candidates: Annotated[int, Field(ge=1)]
+    elites: Annotated[int, Field(ge=1)]
+    threads: Annotated[int, Field(ge=1, le=256)] | None
+
+
+class LatentPlanner(LearnedAgent):
+    """MPPI in a learned latent space, guided by a learned policy (the paper's planner).
+
+    Args:
+        horizon: H, steps planned ahead, 1 to 100.
+        execute: E, actions of a plan that are executed before the next one is made, 1 to H.
+        smoothness_weight: lambda_smooth; None takes the one of the weights' configuration.
+        policy_prior: whether some candidates are drawn from the policy.
+        use_mppi: False executes the policy alone.
+        score: what candidates are scored by: predicted rewards and the final Q, or one of them.
+        weights: name of shipped weights, or path of a ``.safetensors`` file; None takes the
+            agent's own.
+        iterations: MPPI's.
+        candidates: per iteration, those of the policy included.
+        elites: candidates that the next iteration's Gaussian is fitted to.
+        threads: used to plan; None means as many as PyTorch uses.
+    """
+
+    trainer: ClassVar[str] = "latent_planner"
+    folder: ClassVar[Path] = Path(__file__).parent / "weights"
+    own_weights: ClassVar[str] = "social"
+
+    def __init__(
+        self,
+        *,
+        horizon: int = 6,
+        execute: int = 1,
+        smoothness_weight: float | None = None,
+        policy_prior: bool = True,
+        use_mppi: bool = True,
+        score: str = "reward_q",
+        weights: str | None = None,
+        iterations: int = 6,
+        candidates: int = 512,
+        elites: int = 64,
+        threads: int | None = None,
+    ) -> None:
+        self.options = _checked(
+            horizon=horizon,
+            execute=execute,
+            smoothness_weight=smoothness_weight,
+            policy_prior=policy_prior,
+            use_mppi=use_mppi,
+            score=score,
+            iterations=iterations,
+            candidates=candidates,
+            elites=elites,
+            threads=threads,
+        )
+        super().__init__(self.own_weights if weights is None else weights)
+
+    def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
+        """Forget the last episode; the planner's noise follows from the seed."""
+        import torch
+
+        super().reset(robot, seed)
+        self._generator = torch.Generator().manual_seed(seed)
+        self._half_range = torch.from_numpy(self._bounds.half)
+        self._plan: NDArray[np.float32] | None = None
+        self._executed = self._plans = 0
+
+    def _choose(self, inputs: Inputs) -> NDArray[np.float32]:
+        """The next action of the plan, after planning where that is due."""
+        if self._plan is None or self._executed == self.options.execute:
+            self._plan = self._decide(inputs)
+            self._executed = 0
+            self._plans += 1
+        action = self._plan[self._executed]
+        self._executed += 1
+        return action
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return the number of plans made."""
+        return {"plans": float(self._plans)}
+
+    def _load(self, path: Path) -> tuple[WorldModel, Config]:
+        import torch
+        from crowdbench_agents.latent_planner.fast import FastPlanner
+        from crowdbench_agents.latent_planner.weights import load_world_model
+
+        model, config = load_world_model(path)
+        options = self.options
+        changes = options.model_dump(include={"horizon", "iterations", "candidates", "elites"})
+        if options.smoothness_weight is not None:
+            changes["smoothness_weight"] = options.smoothness_weight
+        if not options.policy_prior:
+            changes["policy_share"] = 0.0
+        self._settings = config.planner.model_copy(update=changes)
+        if options.use_mppi:
+            self._planner = FastPlanner(model, options.threads or torch.get_num_threads())
+        return model, config
+
+    def _decide(self, inputs: Inputs) -> NDArray[np.float32]:
+        """(H, 2) actions in [-1, 1], or (E, 2) of the policy alone."""
+        import torch
+
+        model: WorldModel = self._network
+        z = model.encode(inputs)
+        if not self.options.use_mppi:
+            actions = []
+            for _ in range(self.options.execute):
+                actions.append(model.act(z)[0])
+                z = model.next(z, actions[-1][None])
+            return torch.stack(actions).numpy()
+        previous = self._bounds.normalised(inputs.velocity.numpy())
+        result = self._planner.plan(
+            z,
+            torch.from_numpy(previous),
+            self._settings,
+            self._config.loss.discount,
+            self._half_range,
+            self._generator,
+            warm_start=self._rest_of_plan(),
+            score=self.options.score,
+        )
+        return result.actions[0].numpy()
+
+    def _rest_of_plan(self):
+        """(1, H, 2) the last plan less what was executed, its last action repeated; or None."""
+        import torch
+
+        if self._plan is None:
+            return None
+        steps = np.minimum(np.arange(len(self._plan)) + self._executed, len(self._plan) - 1)
+        return torch.from_numpy(self._plan[steps][None])
+
+
+def _checked(**values: object) -> Options:
+    """The options, or a ValueError that names the one to change and what is allowed."""
+    try:
+        options = Options.model_validate(values)
+    except ValidationError as error:
+        raise ValueError(
+            "; ".join(
+                f"{item['loc'][0]}: {item['msg'][0].lower()}{item['msg'][1:]}, "
+                f"got {item['input']!r}"
+                for item in error.errors()
+            )
+        ) from error
+    if options.execute > options.horizon:
+        raise ValueError(
+            f"execute: should be 1 to horizon ({options.horizon}), got {options.execute}"
+        )
+    if options.elites > options.candidates:
+        raise ValueError(
+            f"elites: should be 1 to candidates ({options.candidates}), got {options.elites}"
+        )
+    return options

@@ -1,0 +1,38 @@
+"""Soft Actor-Critic as an agent: the trained actor's mean action, without Stable-Baselines3."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from crowdbench_agents.learned_agent import LearnedAgent
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from crowdbench_agents.latent_planner.config import Config
+    from crowdbench_agents.latent_planner.world_model import Inputs
+    from crowdbench_agents.sac.networks import SacActor
+
+
+class Sac(LearnedAgent):
+    """Maps what it sees to an action, without planning.
+
+    Args:
+        weights: name of shipped weights, or path of a ``.safetensors`` file.
+    """
+
+    trainer: ClassVar[str] = "sac"
+    folder: ClassVar[Path] = Path(__file__).parent / "weights"
+
+    def __init__(self, *, weights: str = "sac") -> None:
+        super().__init__(weights)
+
+    def _choose(self, inputs: Inputs) -> NDArray[np.float32]:
+        actor: SacActor = self._network
+        return actor(inputs)[0].numpy()
+
+    def _load(self, path: Path) -> tuple[SacActor, Config]:
+        from crowdbench_agents.sac.networks import load_actor
+
+        return load_actor(path)

@@ -1,0 +1,183 @@
+"""MPPI against cases whose answer is known: by hand, or as the solution of a linear system."""
+
+import numpy as np
+import pytest
+import torch
+from crowdbench_agents.latent_planner.config import Planner
+from crowdbench_agents.latent_planner.mppi import evaluate, plan, policy_rollouts, refit, roughness
+
+STEP, GAIN = 0.5, 20.0
+HALF = torch.tensor([0.5, 1.5])
+FLAT = torch.tensor([1.0, 1.0])
+
+
+class LinearModel:
+    """A point in the plane: z' = z + 0.5 a, R = -20 |z' - goal|^2, nothing ever ends."""
+
+    def __init__(self, goal):
+        self.goal = torch.tensor(goal)
+
+    def next(self, z, action):
+        return z + STEP * action
+
+    def reward_and_end(self, z, action):
+        reward = -GAIN * (self.next(z, action) - self.goal).square().sum(-1)
+        return reward, torch.full_like(reward, -40.0)
+
+    def act(self, z):
+        return ((self.goal - z) / STEP).clamp(-1, 1)
+
+    def sample(self, z, noise):
+        action = self.act(z) + 0.1 * noise
+        return action.clamp(-1, 1), torch.zeros(z.shape[:-1])
+
+    def q(self, z, action):
+        return torch.zeros(2, *z.shape[:-1])
+
+
+class Ledger:
+    """Pays the first action's component as reward, ends with probability 1/4, and Q is 10 and 14."""
+
+    def next(self, z, action):
+        return z
+
+    def reward_and_end(self, z, action):
+        return action[..., 0], torch.full(action.shape[:-1], float(np.log(1 / 3)))
+
+    def act(self, z):
+        return torch.zeros(*z.shape[:-1], 2)
+
+    def q(self, z, action):
+        return torch.stack([torch.full(z.shape[:-1], 10.0), torch.full(z.shape[:-1], 14.0)])
+
+
+def settings(**changes):
+    defaults = {"horizon": 4, "iterations": 40, "candidates": 1000, "elites": 100, "policy_share": 0.0}
+    sharp = {"temperature": 0.2, "min_std": 0.05, "smoothness_weight": 0.0}
+    return Planner(**(defaults | sharp | changes))
+
+
+def solve(model, chosen, seed=0, score="reward", half=FLAT, previous=(0.0, 0.0), **options):
+    generator = torch.Generator().manual_seed(seed)
+    start, before = torch.zeros(1, 2), torch.tensor(np.array([previous], np.float32))
+    return plan(model, start, before, chosen, 1.0, half, generator, score=score, **options)
+
+
+def test_plan_of_a_linear_model_is_the_fastest_way_to_the_goal():
+    # x needs 1.2 / 0.5 = 2.4 full steps, y 0.6 of one.
+    result = solve(LinearModel([1.2, -0.3]), settings())
+    expected = torch.tensor([[1, -0.6], [1, 0], [0.4, 0], [0, 0]])
+    torch.testing.assert_close(result.actions[0], expected, atol=0.06, rtol=0)
+
+
+@pytest.mark.parametrize("weight", [0.5, 5.0])
+def test_plan_of_a_linear_model_with_smoothness_solves_the_quadratic_programme(weight):
+    goal, previous, half = np.array([0.4, -0.5]), np.array([0.3, 0.2]), HALF.numpy()
+    horizon = 4
+    # min over a of GAIN sum |STEP (a_0 + .. + a_t) - goal|^2 + weight half^2 sum (a_t - a_{t-1})^2
+    reach = STEP * np.tril(np.ones((horizon, horizon)))
+    change = np.eye(horizon) - np.eye(horizon, k=-1)
+    optimum = np.empty((horizon, 2))
+    for k in range(2):
+        rough = np.sqrt(weight) * half[k]
+        rows = np.vstack([np.sqrt(GAIN) * reach, rough * change])
+        before = np.zeros(horizon)
+        before[0] = previous[k]
+        target = np.concatenate([np.full(horizon, np.sqrt(GAIN) * goal[k]), rough * before])
+        optimum[:, k] = np.linalg.lstsq(rows, target)[0]
+    assert np.abs(optimum).max() < 1  # else the bounds would matter
+    chosen = settings(smoothness_weight=weight)
+    result = solve(LinearModel(goal.astype(np.float32)), chosen, half=HALF, previous=previous)
+    np.testing.assert_allclose(result.actions[0], optimum, atol=0.06)
+
+
+def test_guided_candidates_alone_give_the_policys_plan():
+    goal = [1.2, -0.3]
+    result = solve(LinearModel(goal), settings(policy_share=1.0, iterations=1, elites=1))
+    expected = torch.tensor([[1, -0.6], [1, 0], [0.4, 0], [0, 0]])
+    torch.testing.assert_close(result.actions[0], expected, atol=0.3, rtol=0)
+    assert (result.actions[0] - expected).abs().max() > 1e-3  # the policy's noise is in it
+
+
+def test_warm_start_is_where_the_search_begins():
+    start = torch.tensor([[[0.9, -0.9]] * 4])
+    narrow = settings(iterations=1, max_std=0.021)
+    result = solve(LinearModel([0.0, 0.0]), narrow, warm_start=start)
+    torch.testing.assert_close(result.actions, start, atol=0.05, rtol=0)
+
+
+def test_robots_of_a_batch_are_planned_for_their_own_state():
+    model, chosen = LinearModel([0.0, 0.0]), settings()
+    z = torch.tensor([[0.4, 0.0], [-0.4, 0.2]])
+    generator = torch.Generator().manual_seed(0)
+    result = plan(model, z, torch.zeros(2, 2), chosen, 1.0, FLAT, generator, score="reward")
+    torch.testing.assert_close(result.actions[:, 0], -z / STEP, atol=0.06, rtol=0)
+
+
+def test_plan_is_a_function_of_the_generators_seed():
+    model, chosen = LinearModel([1.2, -0.3]), settings(policy_share=0.1, iterations=2)
+    first, again, other = (solve(model, chosen, seed).actions for seed in (1, 1, 2))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+@pytest.mark.parametrize(
+    ("score", "expected"),
+    [
+        # rewards 0.4 and -0.2, the second counts 0.9 x 3/4; Q = 12 counts (0.9 x 3/4)^2
+        ("reward_q", 0.4 - 0.2 * 0.675 + 12 * 0.675**2),
+        ("reward", 0.4 - 0.2 * 0.675),
+        ("q", 12.0),
+    ],
+)
+def test_score_of_a_fixed_plan_by_hand(score, expected):
+    candidates = torch.tensor([[[[0.4, 0.0], [-0.2, 0.5]]]])
+    arguments = Ledger(), torch.zeros(1, 3), candidates, torch.tensor([[0.2, 0.0]])
+    plain = evaluate(*arguments, 0.0, 0.9, HALF, score)
+    torch.testing.assert_close(plain, torch.tensor([[expected]]))
+    # v changes by 0.1 and -0.3 m/s, w by 0 and 0.75 rad/s
+    smooth = evaluate(*arguments, 2.0, 0.9, HALF, score)
+    penalty = 2.0 * (0.1**2 + 0.3**2 + 0.75**2)
+    torch.testing.assert_close(smooth, torch.tensor([[expected - penalty]]))
+
+
+def test_roughness_is_zero_only_for_what_goes_on_unchanged():
+    previous = torch.tensor([[0.3, -0.7]])
+    steady = previous[:, None, None].expand(1, 1, 5, 2)
+    assert roughness(steady, previous, HALF).item() == 0
+    turned = steady.clone()
+    turned[0, 0, 4, 1] += 0.2  # 0.3 rad/s in the last step
+    torch.testing.assert_close(roughness(turned, previous, HALF), torch.tensor([[0.09]]))
+
+
+def test_elites_and_nobody_else_move_the_gaussian():
+    candidates = torch.tensor([[[[0.0, 1.0]], [[0.6, 0.2]], [[0.2, -0.2]], [[-1.0, 0.0]]]])
+    scores = torch.tensor([[-9.0, 2.0, 2.0 + float(np.log(3)), -5.0]])
+    two = Planner(elites=2, temperature=1.0, min_std=0.1, max_std=0.18)
+    result = refit(candidates, scores, two)
+    # weights 1/4 and 3/4
+    torch.testing.assert_close(result.actions, torch.tensor([[[0.3, -0.1]]]))
+    # sqrt(1/4 0.3^2 + 3/4 0.1^2) = 0.173 in both; the limits cut nothing
+    torch.testing.assert_close(result.std, torch.full((1, 1, 2), 0.03**0.5))
+    torch.testing.assert_close(result.score, torch.tensor([2.0 + float(np.log(3))]))
+
+
+def test_spread_of_the_gaussian_stays_in_its_limits():
+    candidates = torch.tensor([[[[0.0, -1.0]], [[0.0, 1.0]]]])
+    result = refit(candidates, torch.zeros(1, 2), Planner(elites=2, min_std=0.1, max_std=0.5))
+    torch.testing.assert_close(result.std, torch.tensor([[[0.1, 0.5]]]))
+
+
+def test_low_temperature_follows_the_best_and_high_temperature_the_mean():
+    candidates = torch.tensor([[[[0.0, 0.0]], [[0.4, 0.8]]]])
+    scores = torch.tensor([[1.0, 2.0]])
+    cold = refit(candidates, scores, Planner(elites=2, temperature=0.01))
+    warm = refit(candidates, scores, Planner(elites=2, temperature=1e4))
+    torch.testing.assert_close(cold.actions, torch.tensor([[[0.4, 0.8]]]))
+    torch.testing.assert_close(warm.actions, torch.tensor([[[0.2, 0.4]]]), atol=1e-4, rtol=0)
+
+
+def test_policy_rollouts_follow_the_policy_through_the_model():
+    rollouts = policy_rollouts(LinearModel([1.2, -0.3]), torch.zeros(1, 2), torch.zeros(1, 2, 4, 2))
+    expected = torch.tensor([[1, -0.6], [1, 0], [0.4, 0], [0, 0]])
+    torch.testing.assert_close(rollouts, expected.expand(1, 2, 4, 2), atol=1e-6, rtol=0)
