@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from crowdbench.agent import AgentError, AgentSpec
+from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
 from crowdbench.evaluation.appending import require_writable
 from crowdbench.evaluation.pool import Answer, Limits, Lost, Pool
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
@@ -85,6 +85,8 @@ def run(
     folder = Path(folder)
     store, trajectories = ResultsStore(folder), TrajectoryStore(folder)
     require_writable(folder)
+    for task in tasks:
+        _require_known(task.agent.name)
     jobs = jobs or _cores()
     machine = machine_name(threads=1 if jobs > 1 else _cores())
     with Pool(jobs, limits or Limits()) as pool:
@@ -131,6 +133,12 @@ def machine_name(threads: int) -> str:
     except (OSError, StopIteration):  # not Linux, or a processor without a name
         pass
     return f"{name}, {_cores()} cores, {threads} thread{'s' * (threads > 1)} per agent"
+
+
+def _require_known(name: str) -> None:
+    """Refuse a name that nothing has, without importing what has the others."""
+    if name not in agent_names() and not Path(name.partition(":")[0]).is_file():
+        find_agent(name)
 
 
 def _identify(pool: Pool, agents: Sequence[AgentSpec]) -> dict[str, Described]:

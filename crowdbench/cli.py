@@ -1,0 +1,65 @@
+"""The ``crowdbench`` command.
+
+Everything heavy is imported inside the commands, so that ``crowdbench --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from crowdbench.agent import AgentError
+from crowdbench.cli_common import UserError, err, out
+from crowdbench.cli_lists import agents, scenarios
+from crowdbench.cli_pictures import record, show
+from crowdbench.cli_run import compare, run
+from crowdbench.cli_train import train
+from crowdbench.evaluation.appending import ResultsError
+from crowdbench.scenario import ScenarioError
+
+app = typer.Typer(
+    help="Measure robot planners among people.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (run, compare, agents, scenarios, show, record, train):
+    app.command()(command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the user's mistakes become one red line and exit code 2."""
+    try:
+        app(args=None if arguments is None else list(arguments), prog_name="crowdbench")
+    except SystemExit as ending:
+        return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
+    except (UserError, ScenarioError, AgentError, ResultsError) as error:
+        console = err()
+        console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)
+        return 2
+    return 0
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        out().print(f"crowdbench {version('crowdbench-nav')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+if __name__ == "__main__":
+    sys.exit(main())

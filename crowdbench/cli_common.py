@@ -1,0 +1,52 @@
+"""What the commands share: their consoles, their common options, and the user's mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+DEFAULT_AGENT = "orca"
+DEFAULT_SCENARIO = "multimodal_fast"
+
+TABLE_METRICS = (
+    "success",
+    "spl",
+    "smoothness",
+    "inference_s",
+    "cutoff",
+    "min_dist",
+    "ttc_below_1s",
+)
+"""The paper's metrics, which tables show unless others are asked for."""
+
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a field, e.g. pedestrians.count=12."),
+]
+ResultsOption = Annotated[Path, typer.Option("--results", help="Results folder.")]
+AgentOption = Annotated[
+    str, typer.Option("--agent", "-a", help="NAME[:OPTION=VALUE,...] or FILE.py:CLASS.")
+]
+
+
+class UserError(Exception):
+    """A mistake that the user can mend; the message says how."""
+
+
+def out() -> Console:
+    """Where results go."""
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+def err() -> Console:
+    """Where progress and complaints go."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)

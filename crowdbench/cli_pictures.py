@@ -1,0 +1,95 @@
+"""``crowdbench show`` and ``crowdbench record``: a scene, an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli_common import DEFAULT_AGENT, AgentOption, SetOption, UserError, out
+from crowdbench.scenario import load_scenario, parse_overrides
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from crowdbench.simulation.env import CrowdEnv
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="Name, or path of a .yaml file.")
+]
+VIDEO_SUFFIXES = (".gif", ".mp4")
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Episode seed.")]
+
+
+def show(
+    scenario: ScenarioArgument,
+    seed: SeedOption = 0,
+    overrides: SetOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Picture, by default SCENARIO.png.")
+    ] = None,
+) -> None:
+    """Draw how a scenario begins."""
+    world = load_scenario(scenario, **parse_overrides(overrides or []))
+    path = output or Path(f"{world.name}.png")
+
+    from PIL import Image
+
+    from crowdbench.simulation.env import CrowdEnv
+
+    env = CrowdEnv(world, render_mode="rgb_array")
+    env.reset(seed=seed)
+    _save(lambda: Image.fromarray(_picture(env)).save(path), path)
+    out().print(f"{path}: {world.name}, seed {seed}", markup=False)
+
+
+def record(
+    scenario: ScenarioArgument,
+    agent: AgentOption = DEFAULT_AGENT,
+    seed: SeedOption = 0,
+    overrides: SetOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help=".gif or .mp4, by default SCENARIO-AGENT-SEED.gif."),
+    ] = None,
+) -> None:
+    """Run one episode and record it as a GIF or MP4."""
+    world = load_scenario(scenario, **parse_overrides(overrides or []))
+
+    from crowdbench.agent import AgentSpec
+    from crowdbench.evaluation.results import slug
+    from crowdbench.evaluation.rollout import run_episode
+    from crowdbench.reporting.video import write_video
+    from crowdbench.simulation.env import CrowdEnv
+
+    spec = AgentSpec.parse(agent)
+    path = output or Path(f"{world.name}-{slug(str(spec))}-{seed}.gif")
+    if path.suffix.lower() not in VIDEO_SUFFIXES:
+        raise UserError(f"{path}: expected a name that ends in {' or '.join(VIDEO_SUFFIXES)}")
+    env = CrowdEnv(world, render_mode="rgb_array")
+    frames: list[NDArray[np.uint8]] = []
+    episodes = run_episode(env, spec, seed, on_step=lambda env: frames.append(_picture(env)))
+    _save(lambda: write_video(frames, path, fps=1 / world.control_period), path)
+    console = out()
+    for episode in episodes:
+        seconds = episode.steps * world.control_period
+        told = f"{episode.robot}: {episode.outcome} after {seconds:.1f} s"
+        console.print(told + (f": {episode.error}" if episode.error else ""), markup=False)
+    console.print(f"{path}: {world.name}, {spec}, seed {seed}", markup=False)
+
+
+def _picture(env: CrowdEnv) -> NDArray[np.uint8]:
+    picture = env.render()
+    assert picture is not None
+    return picture
+
+
+def _save(write: Callable[[], object], path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write()
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be written ({error})") from error

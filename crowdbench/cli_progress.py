@@ -1,0 +1,64 @@
+"""How far ``crowdbench run`` has come, on the terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from types import TracebackType
+
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+from crowdbench.cli_common import err
+from crowdbench.evaluation.runner import Progress
+
+
+class ProgressBar:
+    """A bar with the outcomes so far; on anything but a terminal it says nothing."""
+
+    def __init__(self, total: int, quiet: bool) -> None:
+        self._console = err()
+        self._bar = Bar(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[outcomes]}"),
+            console=self._console,
+            disable=quiet or not self._console.is_terminal,
+        )
+        self._line = self._bar.add_task("loading", total=total, outcomes="")
+        self._outcomes: Counter[str] = Counter()
+        self._latest = Progress(total, stored=0, done=0)
+
+    def __enter__(self) -> ProgressBar:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        place: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def update(self, progress: Progress) -> None:
+        """Show what has been reached."""
+        self._latest = progress
+        self._outcomes.update(row["outcome"] for row in progress.rows)
+        told = "  ".join(f"{count} {name}" for name, count in self._outcomes.most_common())
+        finished = progress.stored + progress.done
+        self._bar.update(self._line, completed=finished, description="running", outcomes=told)
+
+    def say_interrupted(self, folder: Path) -> None:
+        """Say what is kept and how to go on."""
+        self._bar.stop()
+        kept = self._latest.stored + self._latest.done
+        self._console.print(
+            f"Interrupted: {kept} of {self._latest.total} episodes are stored in {folder}. "
+            "Run the same command again to go on from there.",
+            style="yellow",
+            markup=False,
+            soft_wrap=True,
+        )

@@ -1,0 +1,175 @@
+"""What ``crowdbench run`` and ``crowdbench compare`` have found, as tables or as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from crowdbench.cli_common import TABLE_METRICS
+from crowdbench.evaluation.metrics import METRICS
+from crowdbench.evaluation.results import Cell, ResultsStore
+from crowdbench.evaluation.statistics import Estimate, bootstrap_interval, wilson_interval
+
+Rows = Mapping[Cell, pd.DataFrame]
+SIGNIFICANT = 0.05
+_LONGEST_UNIT = 6
+_NOTHING = 1e-12
+"""Below this a difference of rounded numbers is zero."""
+
+
+def estimate(rows: pd.DataFrame, metric: str) -> Estimate:
+    """Mean of a metric with its 95 % interval: Wilson for success, BCa bootstrap otherwise."""
+    if metric == "success":
+        return wilson_interval(rows[metric])
+    return bootstrap_interval(rows[metric], np.random.default_rng(0))
+
+
+def print_tables(console: Console, store: ResultsStore, rows: Rows) -> None:
+    """One table per scenario with a column per agent, then where the rows are."""
+    for scenario in dict.fromkeys(cell.scenario for cell in rows):
+        cells = [cell for cell in rows if cell.scenario == scenario]
+        table = _table(scenario)
+        table.add_column("mean [95 % interval]")
+        for cell in cells:
+            table.add_column(escape(cell.agent), overflow="fold")
+        for name in TABLE_METRICS:
+            values = [_interval(estimate(rows[cell], name)) for cell in cells]
+            table.add_row(_heading(name), *values)
+        table.add_row("episodes", *(str(len(rows[cell])) for cell in cells))
+        table.add_row("ended by", *(_endings(rows[cell]) for cell in cells))
+        console.print(table)
+        console.print()
+    for cell, table in rows.items():
+        _print_errors(console, cell, table)
+    for cell in rows:
+        console.print(f"rows: {store.path(cell)}", markup=False, soft_wrap=True)
+
+
+def as_document(store: ResultsStore, rows: Rows) -> dict[str, Any]:
+    """What the tables say and more, for machines; undefined numbers are null."""
+    return {
+        "crowdbench": version("crowdbench-nav"),
+        "results": str(store.folder),
+        "cells": [_cell_document(store, cell, table) for cell, table in rows.items()],
+    }
+
+
+def print_comparison(console: Console, table: pd.DataFrame, first: str, second: str) -> None:
+    """One line per scenario and metric; a star where the corrected difference holds."""
+    for scenario, lines in table.groupby("scenario", sort=False):
+        shown = _table(str(scenario))
+        for heading in ("", "A", "B", "A - B [95 % interval]"):
+            shown.add_column(heading, no_wrap=True)
+        for heading in ("p", "Holm", "pairs"):
+            shown.add_column(heading, justify="right", no_wrap=True)
+        for line in lines.itertuples():
+            difference = Estimate(line.difference, line.low, line.high, line.n)
+            star = " *" if line.p_holm < SIGNIFICANT else ""
+            shown.add_row(
+                _heading(line.metric),
+                _number(line.mean_a),
+                _number(line.mean_b),
+                _interval(difference) + star,
+                _p_value(line.p),
+                _p_value(line.p_holm),
+                str(line.n),
+            )
+        console.print(shown)
+        console.print()
+    console.print(
+        f"A: {first}\nB: {second}\nMeans over the episodes that both ran; * p < {SIGNIFICANT:g} by "
+        "the paired permutation test, corrected over the whole table (Holm).",
+        markup=False,
+    )
+
+
+def _table(title: str) -> Table:
+    return Table(
+        title=escape(title),
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+    )
+
+
+def _cell_document(store: ResultsStore, cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
+    failed = rows[rows["outcome"] == "agent_error"]
+    return {
+        "scenario": cell.scenario,
+        "scenario_digest": cell.scenario_digest,
+        "agent": cell.agent,
+        "weights_sha256": cell.weights_sha256 or None,
+        "code": cell.code,
+        "file": str(store.path(cell)),
+        "episodes": len(rows),
+        "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
+        "metrics": {name: _estimate_document(estimate(rows, name)) for name in METRICS},
+        "errors": [
+            {"seed": int(seed), "error": error}
+            for seed, error in zip(failed["seed"], failed["error"], strict=True)
+        ],
+    }
+
+
+def _estimate_document(value: Estimate) -> dict[str, float | int | None]:
+    numbers = {"mean": value.mean, "low": value.low, "high": value.high}
+    plain = {key: float(x) if math.isfinite(x) else None for key, x in numbers.items()}
+    return {**plain, "n": int(value.n)}
+
+
+def _print_errors(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
+    failed = rows[rows["outcome"] == "agent_error"]
+    if not failed.empty:
+        first = failed.iloc[0]
+        console.print(
+            f"{cell.agent} in {cell.scenario}: {len(failed)} of {len(rows)} episodes ended by an "
+            f"agent error, first with seed {first['seed']}: {first['error']}\n",
+            style="red",
+            markup=False,
+            soft_wrap=True,
+        )
+
+
+def _endings(rows: pd.DataFrame) -> str:
+    counts = rows["outcome"].value_counts()
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def _heading(metric: str) -> str:
+    unit, better = METRICS[metric].unit, METRICS[metric].better
+    arrow = "↑" if better == "higher" else "↓"
+    return f"{metric} {arrow}" + escape(f" [{unit}]" if 0 < len(unit) <= _LONGEST_UNIT else "")
+
+
+def _interval(value: Estimate) -> str:
+    if math.isnan(value.mean):
+        return "-"
+    if math.isnan(value.low):
+        return _number(value.mean)
+    return escape(f"{_number(value.mean)} [{_number(value.low)}, {_number(value.high)}]")
+
+
+def _number(value: float) -> str:
+    """At least two significant digits."""
+    if math.isnan(value):
+        return "-"
+    size = abs(value)
+    if size < _NOTHING:
+        return "0"
+    if size >= 1:
+        return f"{value:.3g}" if size < 1000 else f"{value:.0f}"
+    return f"{value:.3f}" if size >= 0.01 else f"{value:.2g}"
+
+
+def _p_value(p: float) -> str:
+    return "-" if math.isnan(p) else "< 0.001" if p < 0.001 else f"{p:.3f}"

@@ -1,0 +1,318 @@
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from crowdbench.agent import agent_names
+from crowdbench.cli import main
+from crowdbench.evaluation.results import load_results
+from crowdbench.evaluation.rollout import run_episode
+from crowdbench.scenario import scenario_names
+
+TINY = """
+extends: multimodal_fast
+time_limit: 6
+arena: {length: 6, width: 6}
+robots: {travel: 4}
+pedestrians: {count: 2, leg: 2}
+"""
+PLANNER = """
+import time
+import crowdbench
+
+class Planner(crowdbench.Agent):
+    '''Drives ahead.'''
+    def __init__(self, speed=0.5, fails=False, wait=0.0):
+        self.speed, self.fails, self.wait = speed, fails, wait
+    def reset(self, robot, seed):
+        self.seed = seed
+    def act(self, observation):
+        time.sleep(self.wait)
+        if self.fails and self.seed % 2 == 0:
+            raise RuntimeError("no idea")
+        return self.speed, 0.0
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with a scenario, a planner, and results of two agents on the same episodes."""
+    folder = tmp_path_factory.mktemp("place")
+    (folder / "tiny.yaml").write_text(TINY)
+    (folder / "planner.py").write_text(PLANNER)
+    arguments = ["run", "--scenario", f"{folder}/tiny.yaml", "--results", f"{folder}/results"]
+    agents = ["--agent", "straight_line", "--agent", f"{folder}/planner.py:Planner:fails=true"]
+    assert main([*arguments, *agents, "--episodes", "4", "--jobs", "1", "--json"]) == 0
+    return folder
+
+
+def run(place, *arguments):
+    standard = ["--scenario", f"{place}/tiny.yaml", "--results", f"{place}/results", "-j", "1"]
+    return main(["run", *standard, *map(str, arguments)])
+
+
+def complaint(capsys, *arguments) -> str:
+    """The one line that a mistake of the user's is answered with."""
+    assert main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    return captured.err.strip()
+
+
+def test_help_names_every_command(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for command in ("run", "compare", "agents", "scenarios", "show", "record", "train"):
+        assert re.search(rf"^\W+{command} ", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("option", ["--set", "--step-limit", "--save-trajectories", "--json"])
+def test_help_of_run_names_its_options(capsys, option):
+    assert main(["run", "--help"]) == 0
+    assert option in capsys.readouterr().out
+
+
+def test_nothing_heavy_is_loaded_before_a_command_needs_it():
+    heavy = ["torch", "numba", "pandas", "scipy", "pymunk", "matplotlib", "pygame", "PIL"]
+    script = f"import sys, crowdbench.cli; print([m for m in {heavy} if m in sys.modules])"
+    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert process.stdout == "[]\n", process.stderr
+
+
+def test_the_version_is_the_distributions(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"crowdbench {importlib.metadata.version('crowdbench-nav')}\n"
+
+
+def test_scenarios_are_listed_with_their_numbers(capsys):
+    assert main(["scenarios"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[1 : 1 + len(scenario_names())]] == scenario_names()
+    dense = next(line.split() for line in lines if line.startswith("corridor_very_dense"))
+    assert dense[1:4] == ["12", "x", "4"] and dense[5:7] == ["4", "6"]
+
+
+def test_agents_are_listed_with_their_options(capsys):
+    assert main(["agents"]) == 0
+    text = capsys.readouterr().out
+    for name in agent_names():
+        assert re.search(rf"^{name} ", text, re.MULTILINE)
+    assert "Turns towards the goal" in text
+
+
+def test_a_run_ends_with_a_table_and_says_where_the_rows_are(place, capsys):
+    assert run(place, "--agent", "straight_line", "--episodes", 4) == 0
+    text = capsys.readouterr().out
+    rows = load_results(place / "results", agent="straight_line")
+    assert len(rows) == 4
+    assert re.search(r"success ↑ +\S+ \[\S+, \S+\]", text)
+    assert re.search(rf"min_dist ↑ \[m\] +{rows['min_dist'].mean():.3} \[\S+, \S+\]", text)
+    assert re.search(r"episodes +4", text)
+    path = re.search(r"rows: (.*)", text)[1]
+    assert len(Path(path).read_text().splitlines()) == 5
+
+
+def test_errors_of_agents_are_counted_and_the_first_is_shown(place, capsys):
+    agent = f"{place}/planner.py:Planner:fails=true"
+    assert run(place, "--agent", agent, "--episodes", 4) == 0
+    text = capsys.readouterr().out
+    assert re.search(r"\d agent_error", text)
+    assert "of 4 episodes ended by an agent error, first with seed" in text
+    assert "RuntimeError: no idea (" in text
+
+
+def test_json_is_one_document_and_nothing_else(place, capsys):
+    agents = ["--agent", "straight_line", "--agent", f"{place}/planner.py:Planner:fails=true"]
+    assert run(place, *agents, "--episodes", 4, "--json") == 0
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert captured.out.count("\n") == 1
+    assert captured.err == ""
+    first, second = document["cells"]
+    assert (first["agent"], first["episodes"]) == ("straight_line", 4)
+    assert first["scenario"].startswith("tiny@")
+    assert sum(first["outcomes"].values()) == 4
+    values = load_results(place / "results", agent="straight_line")["path_length"]
+    assert first["metrics"]["path_length"]["mean"] == pytest.approx(values.mean())
+    assert first["metrics"]["path_length"]["low"] <= values.mean()
+    assert second["metrics"]["time_to_goal"] == {"mean": None, "low": None, "high": None, "n": 0}
+    assert {error["error"].partition(" (")[0] for error in second["errors"]} == {
+        "RuntimeError: no idea"
+    }
+    assert len(second["errors"]) == second["outcomes"]["agent_error"]
+
+
+def test_an_overridden_scenario_has_rows_of_its_own(place, capsys):
+    arguments = ["--agent", "straight_line", "--episodes", 1, "--json"]
+    assert run(place, *arguments, "--set", "pedestrians.count=1") == 0
+    (cell,) = json.loads(capsys.readouterr().out)["cells"]
+    assert cell["episodes"] == 1
+    definition = json.loads(Path(cell["file"]).with_name("scenario.json").read_text())
+    assert definition["pedestrians"]["count"] == 1
+    assert run(place, *arguments) == 0
+    (plain,) = json.loads(capsys.readouterr().out)["cells"]
+    assert plain["file"] != cell["file"]
+
+
+def test_agents_are_compared_on_the_episodes_both_ran(place, capsys):
+    other = f"{place}/planner.py:Planner:fails=true"
+    results = ["--results", f"{place}/results"]
+    metrics = ["--metric", "path_length", "--metric", "success"]
+    assert main(["compare", "straight_line", other, *results, *metrics]) == 0
+    text = capsys.readouterr().out
+    rows = load_results(place / "results")
+    tiny = rows[rows["scenario"] == rows[rows["agent"] == other]["scenario"].iloc[0]]
+    paths = tiny.pivot(index="seed", columns="agent", values="path_length")
+    difference = (paths["straight_line"] - paths[other]).mean()
+    line = next(line for line in text.splitlines() if line.startswith("path_length"))
+    assert f"{difference:.3g}" in line or f"{difference:.3f}" in line
+    assert line.split()[-1] == "4"
+    assert f"B: {other}" in text.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run", "-s", "multimodal_fst"], "unknown scenario 'multimodal_fst'; did you mean"),
+        (["run", "-a", "orcaa"], "unknown agent 'orcaa'; did you mean 'orca'?"),
+        (["run", "-a", "straight_line:x=1"], "agent 'straight_line' has no option 'x'"),
+        (["run", "-a", "straight_line:x"], "expected option=value, got 'x'"),
+        (["run", "-a", "none.py:A"], "agent file 'none.py' does not exist"),
+        (["run", "--set", "pedestrians.cout=1"], "did you mean 'count'?"),
+        (["run", "--set", "pedestrians.count=-1"], "-1 is out of range; allowed: >= 0 and <= 500"),
+        (["run", "--set", "pedestrians.count"], "expected key=value"),
+        (["show", "open_x"], "unknown scenario 'open_x'"),
+        (["record", "open", "-o", "x.avi"], "expected a name that ends in .gif or .mp4"),
+        (["train", "latent_planer"], "'latent_planer'; did you mean 'latent_planner'?"),
+        (["compare", "straight_line", "orca", "-m", "succes"], "did you mean 'success'?"),
+        (["compare", "a", "b", "--results", "none"], "none: no episodes of agent 'a'"),
+    ],
+)
+def test_a_mistake_is_answered_in_one_line(tmp_path, monkeypatch, capsys, arguments, told):
+    monkeypatch.chdir(tmp_path)
+    assert told in complaint(capsys, *arguments)
+    assert not list(tmp_path.glob("results/*/*"))
+
+
+def test_a_results_folder_that_is_none_is_found_out_at_once(place, tmp_path, capsys):
+    (tmp_path / "results").write_text("in the way")
+    arguments = ["run", "-s", place / "tiny.yaml", "-a", "straight_line"]
+    text = complaint(capsys, *arguments, "--results", tmp_path / "results")
+    assert text.startswith(f"{tmp_path / 'results'}: results cannot be written here")
+
+
+def test_what_was_never_run_together_is_not_compared(place, capsys):
+    arguments = ["compare", "straight_line", "orca", "--results", place / "results"]
+    assert "no episodes of agent 'orca'" in complaint(capsys, *arguments)
+    arguments = ["compare", "straight_line", "straight_line", "--results", place / "results"]
+    assert "in scenario 'open'" in complaint(capsys, *arguments, "-s", "open")
+
+
+def test_show_draws_the_beginning(place, tmp_path, capsys):
+    output = tmp_path / "new" / "scene.png"
+    arguments = ["show", f"{place}/tiny.yaml", "--seed", "3", "-o", str(output)]
+    assert main([*arguments, "--set", "pedestrians.count=1"]) == 0
+    assert str(output) in capsys.readouterr().out.replace("\n", "")
+    assert np.asarray(Image.open(output)).std() > 0
+
+
+def test_record_shows_every_state_of_the_episode(place, tmp_path, capsys):
+    output = tmp_path / "episode.gif"
+    arguments = ["record", f"{place}/tiny.yaml", "-a", "straight_line", "--seed", "1"]
+    assert main([*arguments, "-o", str(output)]) == 0
+    (episode,) = run_episode(f"{place}/tiny.yaml", "straight_line", seed=1)
+    assert f"robot_0: {episode.outcome}" in capsys.readouterr().out
+    assert Image.open(output).n_frames == episode.steps + 1
+
+
+class Trainers:
+    """Entry points with one trainer that notes what it is asked."""
+
+    module, name = "tests.fake", "fake"
+
+    def __init__(self, error=None):
+        self.asked, self.error = None, error
+
+    def __call__(self, group):
+        return [self]
+
+    def load(self):
+        return self.train
+
+    def train(self, **asked):
+        self.asked = asked
+        if self.error:
+            raise self.error
+        return Path("runs") / asked["name"]
+
+
+def test_train_hands_over_to_the_agents_trainer(monkeypatch, capsys):
+    trainers = Trainers()
+    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
+    options = ["--minutes", "1.5", "--seed", "7", "--no-social", "--set", "training.batch=8"]
+    assert main(["train", "fake", "--name", "mine", *options]) == 0
+    assert trainers.asked == {
+        "name": "mine",
+        "minutes": 1.5,
+        "steps": None,
+        "resume": False,
+        "seed": 7,
+        "social": False,
+        "overrides": {"training.batch": 8},
+    }
+    assert main(["train", "fake", "--resume", "--steps", "100"]) == 0
+    assert "social" not in trainers.asked, "the trainer's own default"
+    assert (trainers.asked["resume"], trainers.asked["steps"]) == (True, 100)
+    assert "runs/fake" in capsys.readouterr().out
+
+
+def test_what_a_trainer_says_is_for_the_user_and_bugs_are_not_hidden(monkeypatch, capsys):
+    class DivergedError(RuntimeError):
+        __module__ = "tests.fake.learner"
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", Trainers(DivergedError("loss is nan")))
+    assert complaint(capsys, "train", "fake") == "fake: loss is nan"
+    monkeypatch.setattr(importlib.metadata, "entry_points", Trainers(ZeroDivisionError("bug")))
+    with pytest.raises(ZeroDivisionError):
+        main(["train", "fake"])
+
+
+def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(place, tmp_path):
+    agent = f"{place}/planner.py:Planner:wait=0.02"
+    arguments = ["run", "-s", f"{place}/tiny.yaml", "-a", agent, "-n", "500", "-j", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "crowdbench.cli", *arguments, "--results", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while load_results(tmp_path).empty:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate()
+    assert process.returncode == 130
+    assert output == ""
+    kept = len(load_results(tmp_path))
+    assert 0 < kept < 500
+    told = re.fullmatch(
+        r"Interrupted: (\d+) of 500 episodes are stored in (.*)\. "
+        r"Run the same command again to go on from there\.\n",
+        errors,
+    )
+    assert told, errors
+    # A row may reach the file in the moment between the signal and the count.
+    assert kept - int(told[1]) in (0, 1)
+    assert told[2] == str(tmp_path)
