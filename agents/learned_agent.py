@@ -50,13 +50,15 @@ class LearnedAgent(crowdbench.Agent):
         Raises:
             WeightsError: damaged, of other networks, or changed since the agent was made.
         """
+        import torch
         from crowdbench_agents.latent_planner.weights import WeightsError, file_digest
         from crowdbench_agents.latent_planner.world_model import ActionBounds
 
         if self._network is None:
             if file_digest(self._path) != self.weights_sha256:
                 raise WeightsError(f"weights {self._path} changed since the agent was made")
-            self._network, self._config = self._load(self._path)
+            with torch.random.fork_rng(devices=[]):  # networks are made with random parameters
+                self._network, self._config = self._load(self._path)
         geometry = self._config.perception.geometry
         self._map = ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
         self._bounds = ActionBounds.of(robot)

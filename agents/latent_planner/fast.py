@@ -97,7 +97,17 @@ class FastPlanner:
     def returns(
         self, z: Tensor, candidates: Tensor, discount: float, score: Score = "reward_q"
     ) -> Tensor:
-        """phi without the smoothness penalty, (1, N), for candidates (N, H, 2) from z (1, latent)."""
+        """phi without the smoothness penalty.
+
+        Args:
+            z: (1, latent) where all candidates start.
+            candidates: (N, H, 2) in [-1, 1].
+            discount: gamma per step.
+            score: which of the predicted terms count.
+
+        Returns:
+            (1, N).
+        """
         count, horizon, _ = candidates.shape
         blocks = candidates.chunk(-(-count // BLOCK)) if count else ()
         start = self._start(z)

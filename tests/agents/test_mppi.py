@@ -36,7 +36,7 @@ class LinearModel:
 
 
 class Ledger:
-    """Pays the first action's component as reward, ends with probability 1/4, and Q is 10 and 14."""
+    """R is the action's first component, an end has probability 1/4, and Q is 10 and 14."""
 
     def next(self, z, action):
         return z
@@ -52,9 +52,9 @@ class Ledger:
 
 
 def settings(**changes):
-    defaults = {"horizon": 4, "iterations": 40, "candidates": 1000, "elites": 100, "policy_share": 0.0}
-    sharp = {"temperature": 0.2, "min_std": 0.05, "smoothness_weight": 0.0}
-    return Planner(**(defaults | sharp | changes))
+    budget = {"horizon": 4, "iterations": 40, "candidates": 1000, "elites": 100}
+    search = {"policy_share": 0.0, "temperature": 0.2, "min_std": 0.05, "smoothness_weight": 0.0}
+    return Planner(**(budget | search | changes))
 
 
 def solve(model, chosen, seed=0, score="reward", half=FLAT, previous=(0.0, 0.0), **options):
