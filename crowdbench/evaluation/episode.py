@@ -35,11 +35,12 @@ class Episode:
         pedestrian_radius: radius of every pedestrian [m].
         robot_pose: (T + 1, 3) x, y [m], heading [rad].
         actions: (T, 2) v [m/s], w [rad/s] as executed (clipped).
-        other_robots: (T + 1, R, 3) poses of the other robots.
+        other_robots: (T + 1, R - 1, 3) poses of the other robots, NaN once they are gone.
         pedestrian_position: (T + 1, P, 2) [m].
         pedestrian_velocity: (T + 1, P, 2) [m/s].
         pedestrian_goal: (T + 1, P, 2) where each is heading now [m].
-        pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden from the robot.
+        pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden
+            from the robot.
         pedestrian_switch_time: (T + 1, P) when the leg is interrupted [s]; inf for kept legs.
         inference_s: (T,) wall-clock seconds spent in ``act``.
         outcome: how it ended.
