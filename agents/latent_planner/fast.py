@@ -50,10 +50,8 @@ class FastPlanner:
         self._q_networks = [_Layers(network) for network in model.q_networks]
         self._policy = _Layers(model.policy_network)
         self._residual = model.settings.dynamics == "residual"
-        self._one, self._zero = (
-            torch.ones(model.settings.latent),
-            torch.zeros(model.settings.latent),
-        )
+        latent = model.settings.latent
+        self._one, self._zero = torch.ones(latent), torch.zeros(latent)
         self._pool = _single_threaded_pool(threads) if threads > 1 else None
 
     @torch.no_grad()
@@ -142,24 +140,28 @@ class FastPlanner:
         self, start: _Start, act: Act, count: int, horizon: int, discount: float, score: Score
     ) -> Tensor:
         """Returns (N,) of N = ``count`` candidates from the same state."""
-        total, weight = torch.zeros(count), torch.ones(count)
+        outcomes = []
         z = start.z.expand(count, -1)
         for t in range(horizon):
             action = act(t, z)
-            shared = start if t == 0 else None
-            inputs = action if shared else torch.cat([z, action], dim=1)
+            first = t == 0
+            inputs = action if first else torch.cat([z, action], dim=1)
             if score != "q":
-                reward, end = self._outcome(inputs, shared and shared.outcome).unbind(dim=1)
-                total.addcmul_(weight, reward)
-                weight = weight * discount * torch.sigmoid(-end)
+                outcomes.append(self._outcome(inputs, start.outcome if first else None))
             if t + 1 < horizon or score != "reward":
-                change = self._dynamics(inputs, shared and shared.dynamics)
+                change = self._dynamics(inputs, start.dynamics if first else None)
                 z = self._normalise(change.add_(z) if self._residual else change)
+        total, weight = torch.zeros(count), torch.ones(count)
+        if score != "q":
+            reward, end = torch.stack(outcomes).unbind(dim=-1)
+            goes_on = torch.sigmoid(-end).mul_(discount).cumprod(dim=0)
+            total = reward[0] + (goes_on[:-1] * reward[1:]).sum(dim=0)
+            weight = goes_on[-1]
         if score == "reward":
             return total
         inputs = torch.cat([z, torch.tanh(self._policy(z)[:, :ACTION])], dim=1)
-        first, second = (network(inputs)[:, 0] for network in self._q_networks)
-        return total + weight * (first + second) / 2
+        one, two = (network(inputs)[:, 0] for network in self._q_networks)
+        return total + weight * (one + two) / 2
 
     def _normalise(self, z: Tensor) -> Tensor:
         if self._model.settings.latent_norm == "layer":
