@@ -1,0 +1,275 @@
+"""NeuPAN-like planner: from LiDAR points straight to controls, model-based.
+
+Points of the scan, predicted with their estimated velocities, go through the distance encoder
+(dune.py) into a convex planner (nrmp.py); pan.py alternates the two. The path to follow is the
+straight line to the goal, drawn anew from the robot at every step. A robot that has been standing
+still for a while turns towards the freest direction, which the original lacks.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import yaml
+from crowdbench_agents.neupan.dune import Array, Dune, Footprint, load_dune
+from crowdbench_agents.neupan.motion import Tracker
+from crowdbench_agents.neupan.nrmp import Limits, Weights
+from crowdbench_agents.neupan.pan import Pan, Scene
+
+import crowdbench
+
+Prediction = Literal["constant_velocity", "static"]
+
+FOLDER = Path(__file__).parent
+FREE_ENOUGH = 2.0
+"""Directions that are free for longer are all alike [m]."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What config.yaml says; units and meanings are given there."""
+
+    weights: str
+    weights_sha256: str
+    exact: bool
+    predict: Prediction
+    horizon: int
+    iterations: int
+    tolerance: float
+    line_search: bool
+    swerves: tuple[float, ...]
+    scan_points: int
+    step_points: int
+    reference_speed: float
+    q_position: float
+    q_heading: float
+    p_speed: float
+    proximal: float
+    smooth: float
+    eta: float
+    rho: float
+    d_min: float
+    d_max: float
+    freeze_time: float
+    freeze_distance: float
+    recovery_time: float
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work.
+
+        Raises:
+            ValueError: a value out of range; the message names the setting.
+        """
+        if self.predict not in get_args(Prediction):
+            raise ValueError(f"predict {self.predict!r}: expected one of {get_args(Prediction)}")
+        for name in ("horizon", "iterations", "scan_points", "step_points"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name} {value!r}: expected a whole number from 1")
+        for name in ("rho", "reference_speed", "freeze_time"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} {getattr(self, name)!r}: expected more than 0")
+        for name in ("tolerance", "q_position", "q_heading", "p_speed", "proximal", "smooth",
+                     "eta", "freeze_distance", "recovery_time"):  # fmt: skip
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} {getattr(self, name)!r}: expected at least 0")
+        if not 0 <= self.d_min <= self.d_max:
+            raise ValueError(
+                f"d_min {self.d_min}, d_max {self.d_max}: expected 0 <= d_min <= d_max"
+            )
+
+
+def load_settings(path: Path = FOLDER / "config.yaml") -> Settings:
+    """Read a settings file.
+
+    Raises:
+        ValueError: a missing or unknown setting, or a value out of range; names the file.
+    """
+    document: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    known = {field.name for field in fields(Settings)}
+    if odd := set(document) ^ known:
+        raise ValueError(f"{path}: missing or unknown settings: {', '.join(sorted(odd))}")
+    try:
+        return Settings(**{**document, "swerves": tuple(document["swerves"])})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+class Neupan(crowdbench.Agent):
+    """Drives by proximal alternating minimisation; counts what went wrong."""
+
+    def __init__(
+        self,
+        exact: bool | None = None,
+        predict: Prediction | None = None,
+        horizon: int | None = None,
+        iterations: int | None = None,
+        reference_speed: float | None = None,
+        config: str | None = None,
+    ) -> None:
+        """Use the settings in ``config`` (default: config.yaml), some of them replaced.
+
+        Raises:
+            ValueError: a setting out of range.
+        """
+        settings = load_settings(Path(config)) if config else load_settings()
+        options = {
+            "exact": exact,
+            "predict": predict,
+            "horizon": horizon,
+            "iterations": iterations,
+            "reference_speed": reference_speed,
+        }
+        given = {key: value for key, value in options.items() if value is not None}
+        self._settings = replace(settings, **given)
+        self._dune: Dune | None = None
+
+    def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
+        """Start an episode: build the planner for this robot, forget the bodies seen.
+
+        Raises:
+            WeightsError: the weights are missing or not the ones expected.
+        """
+        s = self._settings
+        self._robot = robot
+        limits = Limits(
+            low=np.array([robot.speed[0], robot.turn_rate[0]]),
+            high=np.array([robot.speed[1], robot.turn_rate[1]]),
+            acceleration=None if robot.acceleration is None else np.array(robot.acceleration),
+        )
+        footprint = Footprint.from_corners(robot.corners)
+        self._pan = Pan(
+            footprint,
+            self._encoder(footprint),
+            robot.control_period,
+            limits,
+            Weights(*(getattr(s, name) for name in Weights._fields)),
+            s.horizon,
+            s.step_points,
+            s.iterations,
+            s.tolerance,
+            s.line_search,
+        )
+        self._limits = limits
+        self._tracker = Tracker(robot.lidar_angles, robot.lidar_range, robot.control_period)
+        self._controls = np.zeros((s.horizon, 2))
+        patience = max(2, round(s.freeze_time / robot.control_period))
+        self._positions: deque[Array] = deque(maxlen=patience)
+        self._escape, self._escape_steps = 0.0, 0
+        self._counts = dict.fromkeys(("brakings", "recoveries"), 0)
+
+    def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
+        """Plan, and return the first control; brake when no plan could be made."""
+        s = self._settings
+        points, moving = self._tracker.update(observation.lidar, observation.pose)
+        if s.predict == "static":
+            moving = np.zeros_like(moving)
+        nearest = np.argsort(np.linalg.norm(points, axis=1))[: s.scan_points]
+        velocity = observation.velocity.astype(np.float64)
+        bearing, length = self._path(observation, points)
+        speed = min(s.reference_speed, self._limits.high[0])
+        period = self._robot.control_period
+        along = np.minimum(speed * period * np.arange(s.horizon + 1), length)
+        direction = np.array([np.cos(bearing), np.sin(bearing)])
+        scene = Scene(
+            points[nearest],
+            moving[nearest],
+            np.column_stack([along[1:, None] * direction, np.full(s.horizon, bearing)]),
+            np.diff(along) / period,
+            velocity,
+        )
+        starts = [np.concatenate([self._controls[1:], self._controls[-1:]])]
+        if s.swerves:
+            starts.append(self._drive(bearing, 0.0))
+            starts += [self._drive(bearing + swerve, speed) for swerve in s.swerves]
+        plan = self._pan.plan(scene, [self._reachable(start, velocity) for start in starts])
+        if plan is None:
+            self._counts["brakings"] += 1
+            self._controls = self._braking(velocity)
+        else:
+            self._controls = plan.controls
+        return self._controls[0]
+
+    def diagnostics(self) -> dict[str, float]:
+        """Failed solves, steps braked because none succeeded, recoveries from standing still."""
+        return {"failed_solves": self._pan.failed_solves, **self._counts}
+
+    def _encoder(self, footprint: Footprint) -> Dune | Footprint:
+        """The network where there is one for this footprint, else the closed form."""
+        s = self._settings
+        self.weights_sha256 = None
+        if s.exact:
+            return footprint
+        if self._dune is None:
+            self._dune = load_dune(FOLDER / "weights" / s.weights, s.weights_sha256)
+        trained = self._dune.footprint.corners
+        if trained.shape != footprint.corners.shape or not np.allclose(trained, footprint.corners):
+            warnings.warn(
+                f"neupan: {s.weights} was trained for the footprint {trained.tolist()}, "
+                f"{self._robot.name} has {footprint.corners.tolist()}: using the closed form",
+                stacklevel=2,
+            )
+            return footprint
+        self.weights_sha256 = s.weights_sha256
+        return self._dune
+
+    def _path(self, observation: crowdbench.Observation, points: Array) -> tuple[float, float]:
+        """Bearing [rad] and length [m] of the path: to the goal, or out of a freeze."""
+        s, pose = self._settings, observation.pose.astype(np.float64)
+        x, y = observation.goal.astype(np.float64)
+        bearing = float(np.arctan2(y, x))
+        self._positions.append(pose[:2])
+        frozen = (
+            len(self._positions) == self._positions.maxlen
+            and np.linalg.norm(self._positions[-1] - self._positions[0]) < s.freeze_distance
+        )
+        if self._escape_steps == 0 and frozen:
+            self._counts["recoveries"] += 1
+            self._escape = pose[2] + self._freest(points, bearing)
+            self._escape_steps = round(s.recovery_time / self._robot.control_period)
+            self._positions.clear()
+        if self._escape_steps > 0:
+            self._escape_steps -= 1
+            return float(self._escape - pose[2]), np.inf
+        return bearing, float(np.hypot(x, y))
+
+    def _freest(self, points: Array, bearing: float) -> float:
+        """Direction of a beam along which the robot can drive farthest [rad]."""
+        angles = self._robot.lidar_angles
+        beams = np.column_stack([np.cos(angles), np.sin(angles)])
+        ahead = points @ beams.T
+        aside = np.abs(points[:, :1] * beams[:, 1] - points[:, 1:] * beams[:, 0])
+        blocked = (ahead > 0) & (aside < self._robot.radius + self._settings.d_min)
+        free = np.min(np.where(blocked, ahead, FREE_ENOUGH), axis=0, initial=FREE_ENOUGH)
+        return float(angles[np.argmax(free + 0.01 * np.cos(angles - bearing))])
+
+    def _drive(self, bearing: float, speed: float) -> Array:
+        """(T, 2) controls that turn to a bearing [rad] and drive there at a speed [m/s]."""
+        controls = np.zeros((self._settings.horizon, 2))
+        period, heading = self._robot.control_period, 0.0
+        for control in controls:
+            off = (bearing - heading + np.pi) % (2 * np.pi) - np.pi
+            wanted = speed * max(0.0, np.cos(off)), off / period
+            control[:] = np.clip(wanted, self._limits.low, self._limits.high)
+            heading += control[1] * period
+        return controls
+
+    def _reachable(self, controls: Array, velocity: Array) -> Array:
+        """(T, 2) the controls nearest to given ones within the acceleration limits."""
+        if self._limits.acceleration is None:
+            return controls
+        reach = self._limits.acceleration * self._robot.control_period
+        reachable = np.empty_like(controls)
+        for t, control in enumerate(controls):
+            velocity = np.clip(control, velocity - reach, velocity + reach)
+            reachable[t] = velocity
+        return reachable
+
+    def _braking(self, velocity: Array) -> Array:
+        """(T, 2) controls that stop as fast as the robot can."""
+        return self._reachable(np.zeros((self._settings.horizon, 2)), velocity)
