@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
+import io
 import json
 import re
 import signal
@@ -46,14 +48,19 @@ class Planner(crowdbench.Agent):
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a scenario, a planner, and results of two agents on the same episodes."""
+    """A folder with a scenario, a planner, and what a run of two agents has stored and printed."""
     folder = tmp_path_factory.mktemp("place")
     (folder / "tiny.yaml").write_text(TINY)
     (folder / "planner.py").write_text(PLANNER)
-    arguments = ["run", "--scenario", f"{folder}/tiny.yaml", "--results", f"{folder}/results"]
-    agents = ["--agent", "straight_line", "--agent", f"{folder}/planner.py:Planner:fails=true"]
-    assert main([*arguments, *agents, "--episodes", "4", "--jobs", "1", "--json"]) == 0
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        assert run(folder, *both(folder), "--json") == 0
+    (folder / "output.json").write_text(output.getvalue())
     return folder
+
+
+def both(place):
+    """Options for a planner that ignores everybody, and one that fails now and then."""
+    return "-a", "straight_line", "-a", f"{place}/planner.py:Planner:fails=true", "-n", 4
 
 
 def run(place, *arguments):
@@ -112,33 +119,24 @@ def test_agents_are_listed_with_their_options(capsys):
 
 
 def test_a_run_ends_with_a_table_and_says_where_the_rows_are(place, capsys):
-    assert run(place, "--agent", "straight_line", "--episodes", 4) == 0
+    assert run(place, *both(place)) == 0
     text = capsys.readouterr().out
     rows = load_results(place / "results", agent="straight_line")
-    assert len(rows) == 4
+    assert len(rows) == 4, "a second run finds them stored"
     assert re.search(r"success ↑ +\S+ \[\S+, \S+\]", text)
     assert re.search(rf"min_dist ↑ \[m\] +{rows['min_dist'].mean():.3} \[\S+, \S+\]", text)
     assert re.search(r"episodes +4", text)
-    path = re.search(r"rows: (.*)", text)[1]
-    assert len(Path(path).read_text().splitlines()) == 5
-
-
-def test_errors_of_agents_are_counted_and_the_first_is_shown(place, capsys):
-    agent = f"{place}/planner.py:Planner:fails=true"
-    assert run(place, "--agent", agent, "--episodes", 4) == 0
-    text = capsys.readouterr().out
+    for path in re.findall(r"rows: (.*)", text):
+        assert len(Path(path).read_text().splitlines()) == 5
     assert re.search(r"\d agent_error", text)
     assert "of 4 episodes ended by an agent error, first with seed" in text
     assert "RuntimeError: no idea (" in text
 
 
-def test_json_is_one_document_and_nothing_else(place, capsys):
-    agents = ["--agent", "straight_line", "--agent", f"{place}/planner.py:Planner:fails=true"]
-    assert run(place, *agents, "--episodes", 4, "--json") == 0
-    captured = capsys.readouterr()
-    document = json.loads(captured.out)
-    assert captured.out.count("\n") == 1
-    assert captured.err == ""
+def test_json_is_one_document_and_nothing_else(place):
+    text = (place / "output.json").read_text()
+    document = json.loads(text)
+    assert text.count("\n") == 1
     first, second = document["cells"]
     assert (first["agent"], first["episodes"]) == ("straight_line", 4)
     assert first["scenario"].startswith("tiny@")
@@ -147,10 +145,9 @@ def test_json_is_one_document_and_nothing_else(place, capsys):
     assert first["metrics"]["path_length"]["mean"] == pytest.approx(values.mean())
     assert first["metrics"]["path_length"]["low"] <= values.mean()
     assert second["metrics"]["time_to_goal"] == {"mean": None, "low": None, "high": None, "n": 0}
-    assert {error["error"].partition(" (")[0] for error in second["errors"]} == {
-        "RuntimeError: no idea"
-    }
-    assert len(second["errors"]) == second["outcomes"]["agent_error"]
+    assert len(second["errors"]) == second["outcomes"]["agent_error"] > 0
+    for error in second["errors"]:
+        assert error["error"].startswith("RuntimeError: no idea (")
 
 
 def test_an_overridden_scenario_has_rows_of_its_own(place, capsys):
@@ -160,9 +157,9 @@ def test_an_overridden_scenario_has_rows_of_its_own(place, capsys):
     assert cell["episodes"] == 1
     definition = json.loads(Path(cell["file"]).with_name("scenario.json").read_text())
     assert definition["pedestrians"]["count"] == 1
-    assert run(place, *arguments) == 0
-    (plain,) = json.loads(capsys.readouterr().out)["cells"]
-    assert plain["file"] != cell["file"]
+    plain = json.loads((place / "output.json").read_text())["cells"][0]
+    assert (cell["agent"], cell["file"]) != (plain["agent"], plain["file"])
+    assert len(load_results(place / "results", scenario=plain["scenario"])) == 8
 
 
 def test_agents_are_compared_on_the_episodes_both_ran(place, capsys):
