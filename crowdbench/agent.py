@@ -144,7 +144,10 @@ class Agent(ABC):
 
     @abstractmethod
     def reset(self, robot: RobotSpec, seed: int) -> None:
-        """Start an episode. All randomness of the agent comes from ``seed``."""
+        """Start an episode. All randomness of the agent comes from ``seed``.
+
+        One agent drives many episodes; nothing of the one before may remain.
+        """
 
     @abstractmethod
     def act(self, observation: Observation) -> Action:
