@@ -16,6 +16,7 @@ from crowdbench.cli_common import UserError, err, out
 from crowdbench.cli_lists import agents, scenarios
 from crowdbench.cli_pictures import record, show
 from crowdbench.cli_run import compare, run
+from crowdbench.cli_tables import tables
 from crowdbench.cli_train import train
 from crowdbench.evaluation.appending import ResultsError
 from crowdbench.scenario import ScenarioError
@@ -26,7 +27,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (run, compare, agents, scenarios, show, record, train):
+for command in (run, compare, agents, scenarios, show, record, train, tables):
     app.command()(command)
 
 

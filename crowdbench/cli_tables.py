@@ -1,0 +1,128 @@
+"""``crowdbench tables``: the paper's tables and figures from the stored episodes."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli_common import ResultsOption, err, out
+
+if TYPE_CHECKING:
+    from crowdbench.reporting.execution import Forecast
+
+_BETWEEN_LINES = 60.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+def tables(
+    run: Annotated[
+        bool, typer.Option("--run", help="Run the episodes that are missing first.")
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
+    ] = None,
+    results: ResultsOption = Path("results"),
+) -> None:
+    """Write the paper's tables and figures, measured here, and results/README.md."""
+    from crowdbench.reporting.formats import terminal
+    from crowdbench.reporting.report import write_report
+
+    complete = not run or _run(results, jobs or _cores())
+    begun = time.perf_counter()
+    report = write_report(results)
+    console = out()
+    for filled in report.tables:
+        console.print(terminal(filled))
+        console.print()
+    planned = sum(cell.episodes for cell in report.measured.plan)
+    console.print(
+        f"{len(report.measured.episodes):,} of {planned:,} planned episodes; tables, figures and "
+        f"README.md are in {results} ({time.perf_counter() - begun:.1f} s)",
+        markup=False,
+        soft_wrap=True,
+    )
+    if not complete:
+        raise typer.Exit(1)
+
+
+def _run(folder: Path, jobs: int) -> bool:
+    """Run what is missing; False if some agent could not be made."""
+    from crowdbench.evaluation.appending import require_writable
+    from crowdbench.reporting.execution import look, run_missing
+    from crowdbench.reporting.plan import cells
+    from crowdbench.reporting.readme import duration
+
+    require_writable(folder)
+    console = err()
+    outlook = look(cells())
+    for reason in outlook.broken.values():
+        console.print(f"not run: {reason}", style="yellow", markup=False, soft_wrap=True)
+    with _Display() as display:
+        try:
+            forecast = run_missing(folder, outlook, jobs, display.update)
+        except KeyboardInterrupt:
+            display.close()
+            console.print(
+                "Interrupted; finished episodes are stored. Run the same command again to go on.",
+                style="yellow",
+            )
+            raise typer.Exit(130) from None
+    whole = forecast.seconds_for(cell for cell in cells() if cell.agent in outlook.weights)
+    console.print(f"A full run with {jobs} processes takes about {duration(whole)}.")
+    return not outlook.broken
+
+
+class _Display:
+    """A bar with the time left; without a terminal, a line every minute."""
+
+    def __init__(self) -> None:
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+        )
+
+        self._console = err()
+        self._bar = Progress(
+            TextColumn("running"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[left]}"),
+            console=self._console,
+            disable=not self._console.is_terminal,
+        )
+        self._line = self._bar.add_task("", total=None, left="")
+        self._told = time.monotonic()
+
+    def __enter__(self) -> _Display:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._bar.stop()
+
+    def update(self, done: int, total: int, forecast: Forecast) -> None:
+        """Show how far the run has come."""
+        from crowdbench.reporting.readme import duration
+
+        left = f"about {duration(forecast.seconds_left())} left"
+        if forecast.unknown:
+            left += f", and {len(forecast.unknown)} agents not timed yet"
+        self._bar.update(self._line, completed=done, total=total, left=left)
+        if not self._console.is_terminal and time.monotonic() - self._told > _BETWEEN_LINES:
+            self._console.print(f"{done:,} of {total:,} episodes, {left}")
+            self._told = time.monotonic()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
