@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import defaultdict
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,6 +15,12 @@ from numpy.typing import NDArray
 import crowdbench
 
 ROBOT = "robot_0"
+
+
+def worlds_digest() -> str:
+    """12 hex digits that change whenever one of the built-in scenarios does."""
+    digests = [crowdbench.load_scenario(name).digest for name in crowdbench.scenario_names()]
+    return hashlib.sha256("".join(digests).encode()).hexdigest()[:12]
 
 
 class Sensed(NamedTuple):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from crowdbench_agents.latent_planner.crowds import Crowds
+from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
 from crowdbench_agents.latent_planner.replay import Replay, Rows
 from crowdbench_agents.perception import MapGeometry
 
@@ -36,22 +36,24 @@ SHARES = {
 
 
 def load_demonstrations(
-    folder: Path,
+    runs: Path,
     transitions: int,
     geometry: MapGeometry,
     social: bool,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Replay:
-    """Open the demonstrations in a folder, recording what is missing of them.
+    """Open the demonstrations, recording what is missing of them.
 
     Args:
-        folder: where they are kept; a recording that was interrupted goes on.
+        runs: the folder of all runs, in which they are kept by number and by the scenarios they
+            show; a recording that was interrupted goes on.
         transitions: how many.
         geometry: of the obstacle maps.
         social: whether the rewards include the social term.
         progress: called with the number of transitions there are.
     """
     # An episode that has begun is driven to its end, which takes some more rows.
+    folder = runs / f"demonstrations-{transitions}-{worlds_digest()}"
     rows = -(-transitions // LANES) + 400
     replay = Replay(LANES, rows, geometry.cells, social=social, folder=folder)
     if len(replay) < transitions:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config, load_config
-from crowdbench_agents.latent_planner.crowds import Crowds
+from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
 from crowdbench_agents.latent_planner.demonstrations import final_rows, load_demonstrations
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
@@ -76,9 +76,8 @@ class Run:
         self.demonstrations: Replay | None = None
         if settings.demonstrations:
             self.demonstrations = load_demonstrations(
-                folder.parent / f"demonstrations-{settings.demonstrations}",
-                settings.demonstrations, geometry, social,
-            )  # fmt: skip
+                folder.parent, settings.demonstrations, geometry, social
+            )
         self.steps, self.seconds, self.best = 0, 0.0, -1.0
 
     def begin(self) -> None:
@@ -146,6 +145,7 @@ class Run:
             TrainingError: no room on the disk.
         """
         state = {
+            "worlds": worlds_digest(),
             "learner": self.learner.state(),
             "explorer": json.dumps(_plain(self.explorer.state())),
             "generator": self.explorer.generator.get_state(),
@@ -165,7 +165,7 @@ class Run:
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder."""
-        state = torch.load(self.folder / "checkpoint.pt", weights_only=True)
+        state = load_checkpoint(self.folder)
         self.learner.restore(state["learner"])
         self.explorer.restore(json.loads(state["explorer"]) | {"generator": state["generator"]})
         self.rng.bit_generator.state = json.loads(state["rng"])
@@ -215,7 +215,7 @@ def train(
     run = Run(folder, config, seed, social)
     if resume:
         run.restore()
-    facts = {"run": name, "seed": seed, "social": social}
+    facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
     total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
     curve = CURVES / f"{name}.csv"
     if not resume:
@@ -331,6 +331,21 @@ def _means(sums: Mapping[str, torch.Tensor], count: int) -> dict[str, float]:
 
 def _plain(state: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in state.items() if not isinstance(value, torch.Tensor)}
+
+
+def load_checkpoint(folder: Path) -> dict[str, Any]:
+    """Read a run's checkpoint.
+
+    Raises:
+        TrainingError: the scenarios are no longer those of the run.
+    """
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    if state["worlds"] != worlds_digest():
+        raise TrainingError(
+            f"{folder}: the scenarios have changed since this run was saved (then "
+            f"{state['worlds']}, now {worlds_digest()}); train under a new name"
+        )
+    return state
 
 
 def check_folder(folder: Path, resume: bool) -> None:

@@ -16,13 +16,19 @@ from typing import Any
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config, load_config
-from crowdbench_agents.latent_planner.crowds import Crowds, Sensed
+from crowdbench_agents.latent_planner.crowds import Crowds, Sensed, worlds_digest
 from crowdbench_agents.latent_planner.demonstrations import final_rows, load_demonstrations
 from crowdbench_agents.latent_planner.learner import TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
 from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows, join
-from crowdbench_agents.latent_planner.training import CURVES, RUNS, Mixture, check_folder
+from crowdbench_agents.latent_planner.training import (
+    CURVES,
+    RUNS,
+    Mixture,
+    check_folder,
+    load_checkpoint,
+)
 from crowdbench_agents.latent_planner.validation import validate
 from crowdbench_agents.latent_planner.weights import save_weights
 from crowdbench_agents.latent_planner.world_model import Encoder, Inputs
@@ -246,9 +252,8 @@ class SacRun:
         demonstrations = None
         if settings.demonstrations:
             demonstrations = load_demonstrations(
-                folder.parent / f"demonstrations-{settings.demonstrations}",
-                settings.demonstrations, geometry, social,
-            )  # fmt: skip
+                folder.parent, settings.demonstrations, geometry, social
+            )
         features = {
             "cells": geometry.cells, "latent": config.model.latent, "bfloat16": settings.bfloat16,
         }  # fmt: skip
@@ -339,6 +344,7 @@ class SacRun:
         """
         model, part = self.model, self.folder / "checkpoint.part"
         state = {
+            "worlds": worlds_digest(),
             "policy": model.policy.state_dict(),
             "actor_optimizer": model.actor.optimizer.state_dict(),
             "critic_optimizer": model.critic.optimizer.state_dict(),
@@ -359,7 +365,7 @@ class SacRun:
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder."""
-        state, model = torch.load(self.folder / "checkpoint.pt", weights_only=True), self.model
+        state, model = load_checkpoint(self.folder), self.model
         model.policy.load_state_dict(state["policy"])
         model.actor.optimizer.load_state_dict(state["actor_optimizer"])
         model.critic.optimizer.load_state_dict(state["critic_optimizer"])
@@ -393,7 +399,7 @@ def train(
     keep_freed_memory()
     torch.set_num_threads(1)
     folder.mkdir(parents=True, exist_ok=True)
-    facts = {"run": name, "seed": seed, "social": social}
+    facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
     run = SacRun(folder, config, seed, social, facts)
     if resume:
         run.restore()

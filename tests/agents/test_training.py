@@ -108,7 +108,11 @@ def test_policy_loss_by_hand():
 
 
 def test_updates_on_a_fixed_batch_reduce_every_loss():
-    learner = Learner(tiny(**{"loss.imitation": 10.0, "loss.entropy_target": -4.0}), seed=0)
+    changes = {
+        "loss.imitation": 10.0, "loss.imitation_shaping": 0.0, "loss.entropy_target": -4.0,
+        "training.reward_scale": 1.0,
+    }  # fmt: skip
+    learner = Learner(tiny(**changes), seed=0)
     batch = sequences(3, 16)
     history = [learner.update(batch) for _ in range(150)]
     for name in ("reward", "termination", "imitation"):
@@ -224,6 +228,13 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder):
     _, config = load_world_model(folder / "last.safetensors")
     assert config.model.latent == 32
     assert json.loads(json.dumps(TINY))["planner.horizon"] == config.planner.horizon
+
+
+def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, monkeypatch):
+    train("worlds", steps=100, overrides=TINY)
+    monkeypatch.setattr(crowdbench, "scenario_names", lambda: ["corridor_sparse", "unimodal_fast"])
+    with pytest.raises(TrainingError, match="scenarios have changed"):
+        train("worlds", steps=200, resume=True, overrides=TINY)
 
 
 def test_resuming_nothing_is_refused(tmp_path):
