@@ -8,6 +8,7 @@ import math
 import re
 
 from rich import box
+from rich.console import Group
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
@@ -104,13 +105,11 @@ def latex(filled: Filled) -> str:
     return "\n".join([*lines, r"\end{table}", ""])
 
 
-def terminal(filled: Filled) -> TerminalTable:
-    """A table for rich, 80 columns wide with four quantities."""
+def terminal(filled: Filled) -> Group:
+    """A table for rich, 80 columns wide with five quantities."""
     shown = TerminalTable(
         title=Text(f"Table {filled.table.number}: {filled.table.title}", style="bold"),
-        caption=Text(" ".join(notes(filled)), style="dim"),
         box=box.SIMPLE_HEAD,
-        caption_justify="left",
         title_justify="left",
         padding=0,
         show_edge=False,
@@ -129,7 +128,7 @@ def terminal(filled: Filled) -> TerminalTable:
                 cells.append(cell)
             shown.add_row(Text(method.label), *cells)
         shown.add_section()
-    return shown
+    return Group(shown, Text(" ".join(notes(filled)), style="dim"))
 
 
 def notes(filled: Filled) -> list[str]:

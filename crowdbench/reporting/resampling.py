@@ -19,6 +19,8 @@ from crowdbench.evaluation.statistics import CONFIDENCE, RESAMPLES, Estimate
 _SEED = 0
 _BATCH = 1_000_000
 """Draws made at a time; bounds the memory they take."""
+_SAME = 1e-12
+"""Values this close, relative to the largest, differ by rounding alone."""
 _TIE = 1e-9
 """Sums that differ by less than this share of their terms are equal, whatever the rounding."""
 
@@ -36,7 +38,7 @@ def bootstrap_mean(values: NDArray[np.float64]) -> Estimate:
     if n == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
     mean, spread = float(sample.mean()), float(np.ptp(sample))
-    if n == 1 or spread == 0:
+    if n == 1 or spread <= _SAME * np.abs(sample).max():
         limit = mean if n > 1 else np.nan
         return Estimate(mean, limit, limit, n)
     deviation = (sample - mean) / spread

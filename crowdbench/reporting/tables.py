@@ -156,6 +156,8 @@ def _compare_with_best(
             (entries[n].method.agent, entries[n].block.scenarios) for n in (best, number)
         )
         difference = measured.difference(first, second, metric)
+        if not difference.n:
+            continue
         # On the seeds that both ran, the order of the two may be the other way round.
         ahead = better * difference.mean > 0
         found.append((best, number, difference.p if ahead else 1.0))

@@ -60,6 +60,8 @@ def test_what_cannot_be_said_is_nan():
 def test_equal_values_have_an_interval_of_no_width():
     assert bootstrap_mean(np.full(7, 0.3))[:3] == (0.3, 0.3, 0.3)
     assert sign_flip_p(np.zeros(50)) == 1.0
+    rounded = np.arange(50) * 0.01 + 0.1 - np.arange(50) * 0.01  # 0.1, but for the last bits
+    assert bootstrap_mean(rounded)[:3] == pytest.approx((0.1, 0.1, 0.1))
 
 
 @settings(deadline=None, max_examples=30)
