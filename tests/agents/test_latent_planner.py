@@ -127,6 +127,28 @@ def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights):
     np.testing.assert_allclose(previous[0], [2 * last.velocity[0] - 1, last.velocity[1] / 1.5])
 
 
+def test_all_eight_scans_are_drawn_where_things_really_are():
+    env = crowdbench.parallel_env("corridor_very_dense", **{"pedestrians.count": 0})
+    observed, _ = env.reset(seed=900_000)
+    maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range)
+    geometry, rng = maps.geometry, np.random.default_rng(0)
+    for step in range(20):
+        seen = observed["robot_0"]
+        bits = maps.update(seen["lidar"], seen["pose"])
+        state = env.state()
+        x, y, heading = state["robot_pose"][0]
+        ahead, left = ((np.argwhere(bits) + 0.5) * geometry.cell + geometry.origin).T
+        px = x + np.cos(heading) * ahead - np.sin(heading) * left
+        py = y + np.sin(heading) * ahead + np.cos(heading) * left
+        round_things = [abs(np.hypot(px - a, py - b) - r) for a, b, r in state["obstacles"]]
+        walls = [abs(py - wall[1]) for wall in state["walls"]]  # along x
+        assert np.min(round_things + walls, axis=0).max() <= geometry.cell
+        if step >= 8:
+            assert all((bits & (1 << age)).any() for age in range(8))
+        action = np.array([0.4, rng.uniform(-1.5, 1.5)], np.float32)
+        observed, *_ = env.step({"robot_0": action})
+
+
 def test_reset_forgets_the_plan_and_the_scans(weights):
     agent = LatentPlanner(weights=weights, horizon=3, execute=3, **BUDGET)
     first = drive(agent, 4)
