@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import pandas as pd
-
 from crowdbench.agent import AgentError, AgentSpec
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Progress, Task, run
@@ -48,12 +46,14 @@ class Forecast:
     everything else, which is what is left of the session's wall time.
     """
 
-    def __init__(self, pending: Mapping[str, int], stored: pd.DataFrame, jobs: int) -> None:
+    def __init__(
+        self, pending: Mapping[str, int], stored: Iterable[tuple[str, int, float]], jobs: int
+    ) -> None:
         """Start from the episodes stored before.
 
         Args:
             pending: episodes to run, by agent.
-            stored: rows of earlier episodes.
+            stored: agent, steps and ``inference_s`` of earlier episodes.
             jobs: processes.
         """
         self._pending = Counter(pending)
@@ -61,10 +61,8 @@ class Forecast:
         self._speeds: dict[str, Speed] = {}
         self._session = Speed()
         self._seconds = 0.0
-        for agent, steps, seconds in zip(
-            stored["agent"], stored["steps"], stored["inference_s"], strict=True
-        ):
-            self._speeds.setdefault(agent, Speed()).add(int(steps), float(seconds))
+        for agent, steps, seconds in stored:
+            self._speeds.setdefault(agent, Speed()).add(steps, seconds)
 
     def finished(self, row: Mapping[str, str], seconds: float) -> None:
         """Take note of an episode.
@@ -150,21 +148,22 @@ def run_missing(
     """
     plan = [cell for cell in (plan or cells()) if cell.agent in outlook.weights]
     worlds = {cell.scenario: load_scenario(cell.scenario) for cell in plan}
-    stored = load_results(folder)
-    valid = [
-        (row.scenario in worlds and row.scenario_digest == worlds[row.scenario].digest)
-        and outlook.weights.get(row.agent) == row.weights_sha256
-        for row in stored[["scenario", "scenario_digest", "agent", "weights_sha256"]].itertuples()
+    stored = [
+        row
+        for row in load_results(folder).itertuples()
+        if row.scenario in worlds
+        and row.scenario_digest == worlds[row.scenario].digest
+        and row.weights_sha256 == outlook.weights.get(row.agent)
     ]
-    stored = stored[valid]
-    counts = {
-        key: set(rows["seed"]) for key, rows in stored.groupby(["agent", "scenario"], sort=False)
-    }
-    pending: Counter[str] = Counter()
-    for cell in plan:
-        have = counts.get((cell.agent, cell.scenario), set())
-        pending[cell.agent] += len(set(range(cell.episodes)) - have)
-    forecast, account = Forecast(pending, stored, jobs), Account(folder, jobs)
+    there = {(row.scenario, row.agent, row.seed) for row in stored}
+    pending = Counter(
+        cell.agent
+        for cell in plan
+        for seed in range(cell.episodes)
+        if (cell.scenario, cell.agent, seed) not in there
+    )
+    known = [(row.agent, row.steps, row.inference_s) for row in stored]
+    forecast, account = Forecast(pending, known, jobs), Account(folder, jobs)
     total = sum(cell.episodes for cell in plan)
     done = total - sum(pending.values())
 
