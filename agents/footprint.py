@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numba
+import numpy as np
 
 
 @numba.njit(cache=True)
@@ -51,3 +52,22 @@ def wall_gap(x, y, cosine, sine, half_length, half_width, wall):
         t = min(1.0, max(0.0, t))
         gap = min(gap, math.hypot(cx - wall[0] - t * ex, cy - wall[1] - t * ey))
     return gap
+
+
+@numba.njit(cache=True)
+def arc_gap(v, w, duration, checks, half_length, half_width, lidar, beam_cos, beam_sin, reach):
+    """Least distance from the robot to what a scan shows while it drives an arc [m].
+
+    The arc (v [m/s], w [rad/s]) begins where the scan was taken; what is seen is taken to stand
+    still. inf where nothing is seen.
+    """
+    least = np.inf
+    for i in range(1, checks + 1):
+        x, y, heading = advance(0.0, 0.0, 0.0, v, w, duration * i / checks)
+        cosine, sine = math.cos(heading), math.sin(heading)
+        for b in range(len(lidar)):
+            if lidar[b] < reach - 1e-3:
+                px, py = lidar[b] * beam_cos[b], lidar[b] * beam_sin[b]
+                gap = point_gap(x, y, cosine, sine, half_length, half_width, px, py)
+                least = min(least, gap)
+    return least

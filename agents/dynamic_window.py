@@ -1,0 +1,141 @@
+"""The dynamic window approach, with a LiDAR among people.
+
+Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE Robotics &
+Automation Magazine 4(1), 1997: among the commands that the robot can reach within one control
+period and that leave it time to stop, take the one with the best weighted sum of heading towards
+the goal, distance from what is in the way, and speed. Distance is measured as the time for which
+the arc stays free, because people move: discs are tracked in the scans (``clusters``) and taken to
+keep their velocity. The footprint is the robot's rectangle.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from crowdbench_agents.clusters import Tracker
+from crowdbench_agents.footprint import advance, point_gap
+
+import crowdbench
+
+SPEEDS, TURNS = 9, 21
+"""Samples of v and of w in the window."""
+HORIZON = 2.4
+"""Time for which an arc is looked at [s]."""
+TICK = 0.1
+"""Time between two checks along it [s]."""
+GAP = 0.06
+"""A gap below this is in the way [m]."""
+COMFORT = 0.3
+"""Gaps above this are as good as any [m]."""
+REACTION = 0.4
+"""Time for which an arc has to be free beyond the time to stop [s]."""
+
+
+class DynamicWindow(crowdbench.Agent):
+    """The best arc of the next period, judged by heading, free time and speed."""
+
+    def __init__(self, heading: float = 1.0, clearance: float = 1.0, speed: float = 0.5) -> None:
+        """Set the weights of the three terms (alpha, beta, gamma), each term in [0, 1]."""
+        self._weights = np.array([heading, clearance, speed])
+
+    def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
+        """Forget the last episode; there is no randomness."""
+        self._robot = robot
+        self._tracker = Tracker(robot)
+        self._directions = np.column_stack([np.cos(robot.lidar_angles), np.sin(robot.lidar_angles)])
+
+    def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
+        """Return the best (v, w) of the window."""
+        robot = self._robot
+        scene = self._tracker.update(observation)
+        x, y, heading = observation.pose.astype(float)
+        cosine, sine = np.cos(heading), np.sin(heading)
+        axes = np.array([[cosine, -sine], [sine, cosine]])
+        moving = scene.discs[scene.moving]
+        discs = np.column_stack(
+            [(moving[:, :2] - [x, y]) @ axes, moving[:, 2:4] @ axes, moving[:, 4]]
+        )
+        still = self._tracker.without_moving(observation, scene)
+        hit = still < robot.lidar_range - 1e-3
+        limits = robot.acceleration or (np.inf, np.inf)
+        return _best(
+            *self._window(observation, limits),
+            limits[0],
+            robot.control_period,
+            observation.goal.astype(float),
+            robot.speed[1],
+            robot.length / 2,
+            robot.width / 2,
+            still[hit, None] * self._directions[hit],
+            discs,
+            self._weights,
+        )
+
+    def _window(self, observation, limits):
+        """Speeds and turn rates that can be reached within one period."""
+        robot = self._robot
+        v, w = observation.velocity.astype(float)
+        dv, dw = limits[0] * robot.control_period, limits[1] * robot.control_period
+        low, high = max(0.0, robot.speed[0], v - dv), min(robot.speed[1], v + dv)
+        right, left = max(robot.turn_rate[0], w - dw), min(robot.turn_rate[1], w + dw)
+        return np.linspace(low, high, SPEEDS), np.linspace(right, left, TURNS)
+
+
+@numba.njit(cache=True)
+def _best(
+    speeds, turns, deceleration, period, goal, top, half_length, half_width, points, discs, weights
+):
+    """The admissible (v, w) that scores best; the one that stays free longest if none is."""
+    best, best_v, best_w = -np.inf, 0.0, 0.0
+    longest, longest_v, longest_w = -np.inf, 0.0, 0.0
+    for v in speeds:
+        for w in turns:
+            free, gap = _free_time(v, w, goal, half_length, half_width, points, discs)
+            if free + 0.1 * gap > longest:
+                longest, longest_v, longest_w = free + 0.1 * gap, v, w
+            if free < HORIZON and free < REACTION + v / deceleration:
+                continue
+            # Heading as seen from where the robot would be after the period (Fox, section 3.2).
+            x, y, heading = advance(0.0, 0.0, 0.0, v, w, 2.0 * period)
+            off = math.atan2(goal[1] - y, goal[0] - x) - heading
+            off = abs((off + math.pi) % (2 * math.pi) - math.pi)
+            score = weights[0] * (1.0 - off / math.pi) + weights[2] * v / top
+            score += weights[1] * 0.5 * (free / HORIZON + min(gap, COMFORT) / COMFORT)
+            if score > best:
+                best, best_v, best_w = score, v, w
+    if best == -np.inf:
+        return longest_v, longest_w
+    return best_v, best_w
+
+
+@numba.njit(cache=True)
+def _free_time(v, w, goal, half_length, half_width, points, discs):
+    """Time until the arc (v, w) meets something [s], and the least gap on the way [m].
+
+    An arc that passes the goal is free from there on.
+    """
+    near = math.hypot(half_length, half_width) + COMFORT
+    least = COMFORT
+    steps = round(HORIZON / TICK)
+    for i in range(1, steps + 1):
+        t = i * TICK
+        x, y, heading = advance(0.0, 0.0, 0.0, v, w, t)
+        cosine, sine = math.cos(heading), math.sin(heading)
+        for j in range(len(points)):
+            dx, dy = points[j, 0] - x, points[j, 1] - y
+            if dx * dx + dy * dy < near * near:
+                gap = point_gap(
+                    x, y, cosine, sine, half_length, half_width, points[j, 0], points[j, 1]
+                )
+                least = min(least, gap)
+        for d in range(len(discs)):
+            px, py = discs[d, 0] + t * discs[d, 2], discs[d, 1] + t * discs[d, 3]
+            gap = point_gap(x, y, cosine, sine, half_length, half_width, px, py) - discs[d, 4]
+            least = min(least, gap)
+        if least < GAP:
+            return t - TICK, least
+        if math.hypot(goal[0] - x, goal[1] - y) < v * TICK:
+            break
+    return HORIZON, least

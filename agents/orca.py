@@ -1,0 +1,111 @@
+"""ORCA with nothing but a LiDAR: discs tracked in the scans, one linear programme per step.
+
+Discs and walls come from the scans (``clusters``); optimal reciprocal collision avoidance (van den
+Berg et al., "Reciprocal n-Body Collision Avoidance", 2011) finds the velocity nearest to the
+straight way to the goal, and the differential drive follows it: the robot turns towards that
+velocity and drives as much of it as lies ahead and is free. As it cannot follow exactly, it takes
+itself for a little larger than it is (Alonso-Mora et al., "Optimal reciprocal collision avoidance
+for multiple non-holonomic robots", DARS 2010).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from crowdbench_agents.clusters import Tracker
+from crowdbench_agents.footprint import arc_gap
+
+import crowdbench
+
+STOP = 0.05
+"""Least gap to what is seen during the coming step [m]."""
+
+
+class Orca(crowdbench.Agent):
+    """Reciprocal avoidance of what the LiDAR shows."""
+
+    def __init__(self, responsibility: float = 1.0, margin: float = 0.05) -> None:
+        """Choose how to behave.
+
+        Args:
+            responsibility: share of every evasion that the robot takes on; people who do not
+                see it take on none.
+            margin: by how much the robot's radius is enlarged [m].
+        """
+        self._responsibility = responsibility
+        self._margin = margin
+
+    def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
+        """Forget the last episode; there is no randomness."""
+        self._robot = robot
+        self._tracker = Tracker(robot)
+        self._beam_cos, self._beam_sin = np.cos(robot.lidar_angles), np.sin(robot.lidar_angles)
+
+    def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
+        """Return the command that follows the ORCA velocity best."""
+        robot = self._robot
+        x, y, heading = observation.pose.astype(float)
+        ahead = np.array([np.cos(heading), np.sin(heading)])
+        aside = np.array([-ahead[1], ahead[0]])
+        goal_x, goal_y = observation.goal.astype(float)
+        distance = max(np.hypot(goal_x, goal_y), 1e-6)
+        speed = min(robot.speed[1], distance / robot.control_period)
+        preferred = (goal_x * ahead + goal_y * aside) * speed / distance
+        scene = self._tracker.update(observation)
+        wanted = self._avoid(np.array([x, y]), observation.velocity[0] * ahead, preferred, scene)
+        v, w = self._follow(wanted @ ahead, wanted @ aside)
+        # Braking is for what stands still: who walks is avoided better by moving.
+        return self._brake(v, w, self._tracker.without_moving(observation, scene)), w
+
+    def _avoid(self, position, velocity, preferred, scene):
+        """The ORCA velocity (2,) in the odometry frame [m/s]."""
+        robot = self._robot
+        moving, still = scene.discs[scene.moving], scene.discs[~scene.moving]
+        out = np.empty((1, 2))
+        crowdbench.orca_velocities(
+            position[None],
+            velocity[None],
+            preferred[None],
+            np.array([robot.speed[1]]),
+            robot.radius + self._margin,
+            np.ones((1, len(moving)), dtype=np.bool_),
+            np.ascontiguousarray(moving[:, :2]),
+            np.ascontiguousarray(moving[:, 2:4]),
+            float(moving[:, 4].max(initial=0.0)),
+            self._responsibility,
+            np.ascontiguousarray(still[:, [0, 1, 4]]),
+            scene.segments,
+            robot.control_period,
+            out,
+        )
+        return out[0]
+
+    def _follow(self, forward: float, left: float) -> crowdbench.Action:
+        """Turn towards a velocity in the robot frame, driving what of it lies ahead."""
+        robot = self._robot
+        bearing = np.arctan2(left, forward)
+        if np.hypot(forward, left) < 0.02:
+            return 0.0, 0.0
+        turn = np.clip(bearing / robot.control_period, *robot.turn_rate)
+        # Halfway through the turn the robot faces the mean direction of this step.
+        off = bearing - turn * robot.control_period / 2
+        return float(np.hypot(forward, left) * max(0.0, np.cos(off))), float(turn)
+
+    def _brake(self, v, w, lidar):
+        """The most of a speed v with which the coming step's arc (v, w) touches nothing seen."""
+        robot = self._robot
+        for share in (1.0, 0.75, 0.5, 0.25):
+            gap = arc_gap(
+                share * v,
+                w,
+                robot.control_period,
+                4,
+                robot.length / 2,
+                robot.width / 2,
+                lidar,
+                self._beam_cos,
+                self._beam_sin,
+                robot.lidar_range,
+            )
+            if gap > STOP:
+                return share * v
+        return 0.0
