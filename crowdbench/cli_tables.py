@@ -59,8 +59,12 @@ def _run(folder: Path, jobs: int) -> bool:
     require_writable(folder)
     console = err()
     outlook = look(cells())
-    for reason in outlook.broken.values():
-        console.print(f"not run: {reason}", style="yellow", markup=False, soft_wrap=True)
+    reasons: dict[str, list[str]] = {}
+    for agent, text in outlook.broken.items():
+        reasons.setdefault(text.partition(": ")[2], []).append(agent)
+    for reason, agents in reasons.items():
+        told = f"not run: {'; '.join(agents)}: {reason}"
+        console.print(told, style="yellow", markup=False, soft_wrap=True)
     with _Display() as display:
         try:
             forecast = run_missing(folder, outlook, jobs, display.update)
