@@ -36,7 +36,7 @@ REACTION = 0.4
 class DynamicWindow(crowdbench.Agent):
     """The best arc of the next period, judged by heading, free time and speed."""
 
-    def __init__(self, heading: float = 1.0, clearance: float = 1.0, speed: float = 0.5) -> None:
+    def __init__(self, heading: float = 1.0, clearance: float = 1.0, speed: float = 1.0) -> None:
         """Set the weights of the three terms (alpha, beta, gamma), each term in [0, 1]."""
         self._weights = np.array([heading, clearance, speed])
 

@@ -8,87 +8,55 @@ from crowdbench_agents.footprint import advance, arc_gap, point_gap, wall_gap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import crowdbench
 
-SPEC = crowdbench.RobotSpec.from_scenario(crowdbench.Scenario(name="test"))
-
-
-def scan(pose, discs, walls=()):
-    """Exact LiDAR of discs (N, 3) and walls (S, 4), by solving for every beam."""
-    lidar = np.full(len(SPEC.lidar_angles), SPEC.lidar_range)
-    for b, angle in enumerate(SPEC.lidar_angles + pose[2]):
-        d = np.array([np.cos(angle), np.sin(angle)])
-        for x, y, r in discs:
-            along = (np.array([x, y]) - pose[:2]) @ d
-            off2 = (x - pose[0]) ** 2 + (y - pose[1]) ** 2 - along**2
-            if along > 0 and off2 < r * r:
-                lidar[b] = min(lidar[b], along - np.sqrt(r * r - off2))
-        for x1, y1, x2, y2 in walls:
-            matrix = np.column_stack([d, [x1 - x2, y1 - y2]])
-            if abs(np.linalg.det(matrix)) > 1e-9:
-                t, s = np.linalg.solve(matrix, [x1 - pose[0], y1 - pose[1]])
-                if t > 0 and 0 <= s <= 1:
-                    lidar[b] = min(lidar[b], t)
-    return lidar
-
-
-def observe(pose, discs, walls=(), goal=(5.0, 0.0), velocity=(0.0, 0.0)):
-    return crowdbench.Observation(
-        scan(pose, discs, walls).astype(np.float32),
-        np.array(velocity, np.float32),
-        np.array(goal, np.float32),
-        np.array(pose, np.float32),
-    )
-
-
-def test_a_disc_is_found_where_it_is():
+def test_a_disc_is_found_where_it_is(world):
     discs = np.array([[2.0, 0.5, 0.25], [-1.0, -1.5, 0.4], [0.3, 3.0, 0.3]])
-    scene = Tracker(SPEC).update(observe((0.1, -0.2, 0.7), discs))
+    scene = Tracker(world.spec).update(world.observe((0.1, -0.2, 0.7), discs))
     found = scene.discs[np.argsort(scene.discs[:, 0])][:, [0, 1, 4]]
     np.testing.assert_allclose(found, discs[np.argsort(discs[:, 0])], atol=2e-3)
     assert len(scene.segments) == 0
 
 
-def test_a_moving_disc_has_its_velocity_though_the_robot_moves_too():
-    tracker = Tracker(SPEC)
+def test_a_moving_disc_has_its_velocity_though_the_robot_moves_too(world):
+    tracker = Tracker(world.spec)
     for k in range(8):
-        t = k * SPEC.control_period
+        t = k * world.spec.control_period
         pose = advance(0.0, 0.0, 0.3, 0.8, 0.6, t)
         discs = [(2.5 - 0.7 * t, 1.0 + 0.4 * t, 0.25), (1.5, -1.2, 0.35)]
-        scene = tracker.update(observe(pose, discs))
+        scene = tracker.update(world.observe(pose, discs))
     walking, standing = scene.discs[np.argsort(-scene.discs[:, 1])]
     np.testing.assert_allclose(walking[2:4], [-0.7, 0.4], atol=0.05)
     np.testing.assert_allclose(standing[2:4], 0.0, atol=0.02)
     np.testing.assert_array_equal(np.sort(scene.moving), [False, True])
 
 
-def test_a_hidden_disc_is_remembered_for_a_while_and_then_forgotten():
-    tracker, nothing = Tracker(SPEC), np.zeros((0, 3))
+def test_a_hidden_disc_is_remembered_for_a_while_and_then_forgotten(world):
+    tracker, nothing = Tracker(world.spec), ()
     for k in range(4):
-        tracker.update(observe((0, 0, 0), [(2.0, 0.1 * k, 0.25)]))
-    assert len(tracker.update(observe((0, 0, 0), nothing)).discs) == 1
+        tracker.update(world.observe((0, 0, 0), [(2.0, 0.1 * k, 0.25)]))
+    assert len(tracker.update(world.observe((0, 0, 0), nothing)).discs) == 1
     for _ in range(10):
-        scene = tracker.update(observe((0, 0, 0), nothing))
+        scene = tracker.update(world.observe((0, 0, 0), nothing))
     assert len(scene.discs) == 0
 
 
-def test_walls_are_segments_and_do_not_move():
+def test_walls_are_segments_and_do_not_move(world):
     walls = [(-9.0, -2.0, 9.0, -2.0), (-9.0, 2.0, 9.0, 2.0)]
-    tracker = Tracker(SPEC)
+    tracker = Tracker(world.spec)
     for k in range(5):
-        scene = tracker.update(observe((0.2 * k, 0.3, 0.1), np.zeros((0, 3)), walls))
+        scene = tracker.update(world.observe((0.2 * k, 0.3, 0.1), (), walls))
     assert len(scene.segments) > 20
     np.testing.assert_allclose(np.abs(scene.segments[:, [1, 3]]), 2.0, atol=1e-3)
     assert not scene.moving.any()
 
 
-def test_the_scan_without_moving_discs_keeps_what_stands():
-    tracker = Tracker(SPEC)
+def test_the_scan_without_moving_discs_keeps_what_stands(world):
+    tracker = Tracker(world.spec)
     for k in range(5):
-        seen = observe((0, 0, 0), [(2.0, 0.1 * k, 0.25), (-2.0, 0.0, 0.3)])
+        seen = world.observe((0, 0, 0), [(2.0, 0.1 * k, 0.25), (-2.0, 0.0, 0.3)])
         scene = tracker.update(seen)
     np.testing.assert_allclose(
-        tracker.without_moving(seen, scene), scan((0, 0, 0), [(-2.0, 0.0, 0.3)]), atol=1e-5
+        tracker.without_moving(seen, scene), world.scan((0, 0, 0), [(-2.0, 0.0, 0.3)]), atol=1e-5
     )
 
 
@@ -115,10 +83,10 @@ def test_gaps_of_the_footprint_equal_shapely(seed):
         assert gap == pytest.approx(robot.distance(segment), abs=1e-9)
 
 
-def test_an_arc_is_as_free_as_its_nearest_point():
-    lidar = scan((0, 0, 0), [(1.0, 0.0, 0.25)])
-    c, s = np.cos(SPEC.lidar_angles), np.sin(SPEC.lidar_angles)
-    gap = arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, lidar, c, s, SPEC.lidar_range)
+def test_an_arc_is_as_free_as_its_nearest_point(world):
+    lidar = world.scan((0, 0, 0), [(1.0, 0.0, 0.25)])
+    c, s = np.cos(world.spec.lidar_angles), np.sin(world.spec.lidar_angles)
+    gap = arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, lidar, c, s, world.spec.lidar_range)
     assert gap == pytest.approx(0.75 - 0.2 - 0.2, abs=1e-6)
-    empty = np.full_like(lidar, SPEC.lidar_range)
-    assert arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, empty, c, s, SPEC.lidar_range) == np.inf
+    empty = np.full_like(lidar, world.spec.lidar_range)
+    assert arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, empty, c, s, world.spec.lidar_range) == np.inf

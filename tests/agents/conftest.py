@@ -1,0 +1,85 @@
+"""Small exact worlds to try LiDAR agents in, apart from the simulation."""
+
+import numpy as np
+import pytest
+import shapely
+
+import crowdbench
+from crowdbench.simulation.lidar import beam_table, cast_rays
+
+
+class LidarWorld:
+    """The default robot among discs and walls."""
+
+    spec = crowdbench.RobotSpec.from_scenario(crowdbench.Scenario(name="test"))
+
+    def scan(self, pose, discs, walls=()):
+        """(beams,) float32 distances to discs (N, 3) and walls (S, 4)."""
+        out = np.empty(len(self.spec.lidar_angles), dtype=np.float32)
+        nobody, discs = np.empty((0, 2)), np.array(discs, dtype=float).reshape(-1, 3)
+        walls = np.array(walls, dtype=float).reshape(-1, 4)
+        beams, pose = beam_table(self.spec.lidar_angles), np.array(pose, dtype=float)
+        cast_rays(pose, beams, nobody, 0.25, discs, walls, self.spec.lidar_range, out)
+        return out
+
+    def observe(self, pose, discs, walls=(), goal=(5.0, 0.0), velocity=(0.0, 0.0)):
+        """What a robot at ``pose`` senses."""
+        others = (np.array(a, np.float32) for a in (velocity, goal, pose))
+        return crowdbench.Observation(self.scan(pose, discs, walls), *others)
+
+    def drive(self, agent, goal, discs=(), velocities=(), walls=(), steps=100):
+        """Drive from the origin among discs that keep their velocities: (T, 3) poses, outcome."""
+        pose, action = np.zeros(3), np.zeros(2)
+        discs = np.array(discs, dtype=float).reshape(-1, 3)
+        velocities = np.array(velocities, dtype=float).reshape(-1, 2)
+        spec = self.spec
+        agent.reset(spec, 0)
+        path = [pose]
+        box = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [spec.length / 2, spec.width / 2]
+        for _ in range(steps):
+            c, s = np.cos(pose[2]), np.sin(pose[2])
+            frame = np.array([[c, -s], [s, c]])
+            seen = self.observe(pose, discs, walls, (goal - pose[:2]) @ frame, action)
+            action = np.clip(agent.act(seen), [0.0, -1.5], [1.0, 1.5])
+            for _ in range(10):
+                dt = spec.control_period / 10
+                middle = pose[2] + action[1] * dt / 2
+                ahead = np.array([np.cos(middle), np.sin(middle)])
+                pose = pose + dt * np.array([*(action[0] * ahead), action[1]])
+                discs[: len(velocities), :2] += dt * velocities
+                c, s = np.cos(pose[2]), np.sin(pose[2])
+                robot = shapely.Polygon(box @ np.array([[c, s], [-s, c]]) + pose[:2])
+                for x, y, r in discs:
+                    if robot.distance(shapely.Point(x, y)) < r:
+                        return np.array(path), "collision"
+                for wall in walls:
+                    if robot.intersects(shapely.LineString(np.reshape(wall, (2, 2)))):
+                        return np.array(path), "collision"
+            path.append(pose)
+            if np.hypot(*(goal - pose[:2])) < spec.goal_tolerance:
+                return np.array(path), "success"
+        return np.array(path), "timeout"
+
+    def random_observation(self, rng):
+        """A first scan of some discs at rest."""
+        count = rng.integers(0, 5)
+        angles, distances = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.8, 4, count)
+        places = distances[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        discs = np.column_stack([places, np.full(count, 0.25)])
+        goal = (rng.uniform(1, 6), rng.uniform(-1, 1))
+        return self.observe((0.0, 0.0, 0.0), discs, goal=goal, velocity=(rng.uniform(0, 1), 0.0))
+
+    def mirrored(self, seen):
+        """The same with left and right exchanged."""
+        return crowdbench.Observation(
+            np.roll(seen.lidar[::-1], 1),
+            seen.velocity * np.array([1, -1], np.float32),
+            seen.goal * np.array([1, -1], np.float32),
+            seen.pose * np.array([1, -1, -1], np.float32),
+        )
+
+
+@pytest.fixture(scope="session")
+def world():
+    """A small exact world to try LiDAR agents in."""
+    return LidarWorld()

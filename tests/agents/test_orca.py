@@ -1,0 +1,62 @@
+"""The ORCA agent: reaches goals past people, obstacles and walls with its LiDAR alone."""
+
+import numpy as np
+import pytest
+from crowdbench_agents.orca import STOP, Orca
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+
+def test_with_nothing_around_it_drives_straight_at_full_speed(world):
+    path, outcome = world.drive(Orca(), goal=(4.0, 0.0))
+    assert outcome == "success"
+    np.testing.assert_allclose(path[:, 1], 0.0, atol=1e-6)
+    np.testing.assert_allclose(np.diff(path[:, 0]), 0.2, atol=1e-6)
+
+
+def test_it_turns_on_the_spot_towards_a_goal_behind(world):
+    agent = Orca()
+    agent.reset(world.spec, 0)
+    v, w = agent.act(world.observe((0, 0, 0), (), goal=(-3.0, 0.1)))
+    assert v == pytest.approx(0.0, abs=1e-9)
+    assert w == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("offset", [-0.2, 0.1, 0.3])
+def test_it_evades_somebody_who_does_not(world, offset):
+    walker = {"discs": [(5.0, offset, 0.25)], "velocities": [(-0.8, 0.0)]}
+    path, outcome = world.drive(Orca(), goal=(5.0, 0.0), **walker)
+    assert outcome == "success"
+    assert np.abs(path[:, 1]).max() > 0.1
+
+
+def test_it_passes_an_obstacle_between_walls(world):
+    walls = [(-3.0, -1.2, 9.0, -1.2), (-3.0, 1.2, 9.0, 1.2)]
+    path, outcome = world.drive(Orca(), goal=(5.0, 0.0), discs=[(2.5, -0.2, 0.35)], walls=walls)
+    assert outcome == "success"
+    assert path[:, 1].max() > 0.3
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_a_mirrored_world_is_answered_with_the_mirrored_action(world, seed):
+    seen = world.random_observation(np.random.default_rng(seed))
+    actions = []
+    for observation in (seen, world.mirrored(seen)):
+        agent = Orca()
+        agent.reset(world.spec, 0)
+        actions.append(agent.act(observation))
+    np.testing.assert_allclose(actions[1], np.array(actions[0]) * [1, -1], atol=1e-4)
+
+
+def test_it_brakes_for_what_stands_in_its_arc(world):
+    agent = Orca(margin=-0.2)  # blind to what it would have to evade
+    agent.reset(world.spec, 0)
+    # From the front to the disc it is 0.02 m more than it has to keep.
+    v, w = agent.act(world.observe((0, 0, 0), [(0.2 + STOP + 0.3, 0.0, 0.28)]))
+    assert v * world.spec.control_period <= 0.02 + 1e-6
+    assert w == pytest.approx(0.0, abs=1e-3)
+
+
+def test_it_needs_no_privileges():
+    assert not Orca.privileged
