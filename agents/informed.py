@@ -5,7 +5,8 @@ have and will really switch to, as if the robot were not there. Against that pre
 search in time and space looks for the fastest collision-free sequence of arcs, anew at every step
 (cf. Fraichard, "Trajectory planning in a dynamic workspace: a 'state-time space' approach",
 Advanced Robotics 13, 1998). What nobody can know, the next goal of a pedestrian that arrives, is
-met with distance.
+met with distance. Made for the scenarios that come with crowdbench: people walk by ORCA and take a
+new goal on arrival.
 """
 
 from __future__ import annotations
