@@ -55,6 +55,8 @@ class Settings:
     rho: float
     d_min: float
     d_max: float
+    margin: float
+    margin_growth: float
     freeze_time: float
     freeze_distance: float
     recovery_time: float
@@ -179,6 +181,7 @@ class Neupan(crowdbench.Agent):
         scene = Scene(
             points[nearest],
             moving[nearest],
+            np.array([s.margin, s.margin_growth]),
             np.column_stack([along[1:, None] * direction, np.full(s.horizon, bearing)]),
             np.diff(along) / period,
             velocity,

@@ -101,7 +101,7 @@ def train_dune(
         for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
             x = torch.relu(x @ weight + bias)
         # Sharp from the start, an output can die: no gradient reaches it from a flat side.
-        sharpness = SHARPNESS ** min(1.0, 2 * iteration / iterations)
+        sharpness = SHARPNESS ** min(1.0, 4 * iteration / iterations)
         raw = torch.nn.functional.softplus(x @ weights[-1] + biases[-1], beta=sharpness)
         mu = raw / (raw @ G).norm(dim=1, keepdim=True).clamp(min=1.0)
         distance = (label * offsets).sum(1)

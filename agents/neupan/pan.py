@@ -37,6 +37,8 @@ class Scene:
     Attributes:
         points: (N, 2) [m].
         point_velocity: (N, 2) [m/s].
+        margin: (2,) how much nearer than they seem moving points are taken to be: now [m], and
+            more for every second ahead [m/s].
         reference: (T, 3) states wanted at steps 1..T [m, m, rad].
         v_ref: (T,) speeds wanted [m/s].
         velocity: (2,) current v [m/s], w [rad/s].
@@ -44,6 +46,7 @@ class Scene:
 
     points: Array
     point_velocity: Array
+    margin: Array
     reference: Array
     v_ref: Array
     velocity: Array
@@ -132,7 +135,14 @@ class Pan:
         local = _local_points(states, scene.points, scene.point_velocity, self._period)
         mu = self._footprint.with_interior(local, self._encoder.dual(local))
         slopes, distances = _nearest(
-            states, local, mu, self._footprint.G, self._footprint.h, self._points
+            states,
+            local,
+            mu,
+            self._footprint.G,
+            self._footprint.h,
+            self._points,
+            scene.point_velocity,
+            scene.margin[0] + scene.margin[1] * self._period * np.arange(1, len(states)),
         )
         cost = _true_cost(
             controls,
@@ -167,7 +177,14 @@ def _local_points(
 
 @njit(cache=True)
 def _nearest(
-    states: Array, local: Array, mu: Array, G: Array, h: Array, count: int
+    states: Array,
+    local: Array,
+    mu: Array,
+    G: Array,
+    h: Array,
+    count: int,
+    velocity: Array,
+    margin: Array,
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """(T, M, 3) slopes and (T, M) distances of the ``count`` nearest points of each step.
 
@@ -180,7 +197,8 @@ def _nearest(
     d = np.empty(N)
     for t in range(T):
         for i in range(N):
-            d[i] = 0.0
+            moving = velocity[i, 0] != 0.0 or velocity[i, 1] != 0.0
+            d[i] = -margin[t] if moving else 0.0
             for e in range(E):
                 g = G[e, 0] * local[t * N + i, 0] + G[e, 1] * local[t * N + i, 1]
                 d[i] += mu[t * N + i, e] * (g - h[e])
