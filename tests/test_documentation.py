@@ -1,0 +1,65 @@
+"""What the pages tell a reader to write and run works as written, page by page, top to bottom."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = ["README.md", "docs/add_an_agent.md", "docs/train_with_your_library.md"]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def run(command, folder):
+    """Run in a folder where everything relative in the page comes to lie."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_works_from_top_to_bottom(page, tmp_path):
+    """Python that begins with a file's name is saved under it, other Python is run.
+
+    Of the shell lines those that call ``crowdbench`` are run; installing is tested elsewhere.
+    """
+    ran = 0
+    for language, code in FENCE.findall((ROOT / page).read_text()):
+        name = re.match(r"# (\w+\.py)\n", code)
+        if language == "python" and name:
+            (tmp_path / name[1]).write_text(code)
+        elif language == "python":
+            run([sys.executable, "-c", code], tmp_path)
+            ran += 1
+        elif language == "bash":
+            lines = [line for line in code.splitlines() if line.startswith("crowdbench ")]
+            for line in lines:
+                run(shlex.split(line, comments=True), tmp_path)
+            ran += len(lines)
+    assert ran > 0
+
+
+def test_links_lead_somewhere():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("agents/**/*.md")]
+    dead = [
+        f"{page.relative_to(ROOT)}: {target}"
+        for page in pages
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text())
+        if "://" not in target and not (page.parent / target).exists()
+    ]
+    assert dead == []
+
+
+def test_the_readme_lists_every_agent():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    agents = sorted(project["entry-points"]["crowdbench.agents"])
+    rows = re.findall(r"^\| `(\w+)` \|", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert sorted(rows) == agents
