@@ -117,6 +117,7 @@ class CrowdEnv(ParallelEnv):
         self.state_space = observations.state_space(scenario)
         self._limits = np.array([scenario.robots.speed, scenario.robots.turn_rate]).T
         self._beams = beam_table(lidar_angles(scenario))
+        self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None
         self._renderer: Any = None
         self._world: World | None = None
@@ -190,7 +191,7 @@ class CrowdEnv(ParallelEnv):
         commands, walking = self._read_actions(actions)
         world.step(commands, walking)
         self._steps += 1
-        late = self._steps >= self.scenario.max_steps
+        late = self._steps >= self._max_steps
         seen: dict[str, Any] = {}
         rewards: dict[str, float] = {}
         terminations: dict[str, bool] = {}

@@ -136,13 +136,14 @@ class World:
         self._touchable[shape] = (kind, index)
 
     def _map_rows(self) -> None:
-        """Find which row of a batch belongs to which pedestrian, and size the input buffer."""
+        """Find which row of a batch belongs to whom, and size the input buffer."""
         buffer = batch.Buffer()
         batch.get_space_bodies(self._space, batch.BodyFields.BODY_ID, buffer)
         ids = np.frombuffer(buffer.int_buf(), dtype=np.uintp).tolist()
         rows = {identity: row for row, identity in enumerate(ids)}
-        people = self._bodies[len(self.pose) :]
+        robots, people = self._bodies[: len(self.pose)], self._bodies[len(self.pose) :]
         self._rows = np.array([rows[body.id] for body in people], dtype=np.intp)
+        self._robot_rows = [(r, rows[b.id]) for r, b in enumerate(robots) if self.active[r]]
         self._wanted = np.zeros((len(ids), 2))
         self._input = batch.Buffer()
         self._input.set_float_buf(self._wanted)
@@ -159,6 +160,10 @@ class World:
             reach = np.array(limits) * self._scenario.control_period
             commands = np.clip(commands, self.velocity - reach, self.velocity + reach)
         self.velocity = np.where(self.active[:, None], commands, 0.0)
+        velocities = self.velocity.tolist()
+        self._driving = [(r, velocities[r]) for r, _ in self._robot_rows]
+        for r, (_, w) in self._driving:
+            self._bodies[r].angular_velocity = w
 
     def _move_robots(self, duration: float) -> None:
         """Set body velocities so that one physics step follows the arc of (v, w) exactly.
@@ -166,15 +171,11 @@ class World:
         The chord of an arc of angle w t has the length v t sin(w t / 2) / (w t / 2) and lies half
         the angle off the heading.
         """
-        for r, (v, w) in enumerate(self.velocity.tolist()):
-            if not self.active[r]:
-                continue
+        for r, (v, w) in self._driving:
             half_turn = w * duration / 2
             chord = v * math.sin(half_turn) / half_turn if half_turn else v
             middle = float(self.pose[r, 2]) + half_turn
-            body = self._bodies[r]
-            body.velocity = chord * math.cos(middle), chord * math.sin(middle)
-            body.angular_velocity = w
+            self._bodies[r].velocity = chord * math.cos(middle), chord * math.sin(middle)
             self.pose[r, 2] = middle + half_turn
 
     def _read(self) -> None:
@@ -184,9 +185,8 @@ class World:
         mine = rows[self._rows]
         self.pedestrians.position = mine[:, :2].copy()
         self.pedestrians.velocity = mine[:, 2:].copy()
-        for r, active in enumerate(self.active.tolist()):
-            if active:
-                self.pose[r, :2] = self._bodies[r].position
+        for r, row in self._robot_rows:
+            self.pose[r, :2] = rows[row, :2]
 
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: Any) -> None:
         """Record the first thing each robot touches."""
