@@ -23,7 +23,7 @@ from crowdbench_agents.latent_planner.crowds import Crowds
 from crowdbench_agents.latent_planner.demonstrations import final_rows
 from crowdbench_agents.latent_planner.losses import model_loss
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows
+from crowdbench_agents.latent_planner.replay import NOBODY, Batch, Replay, Rows
 from crowdbench_agents.latent_planner.world_model import Inputs, Mlp, WorldModel
 from rich.console import Console
 from scipy.stats import rankdata
@@ -53,6 +53,7 @@ def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
         result = crowds.step(everywhere, crowds.bounds.physical(action))
         collision = result.outcome == "collision"
         none = np.zeros(ENVIRONMENTS, bool)
+        nobody = np.full(ENVIRONMENTS, NOBODY, np.uint8)
         replay.append(
             everywhere,
             Rows(
@@ -64,7 +65,7 @@ def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
                 collision,
                 none,
                 action,
-                none,
+                nobody,
             ),
         )
         over = np.flatnonzero(result.over)

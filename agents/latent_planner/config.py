@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import yaml
 from crowdbench_agents.perception import MapGeometry
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -80,14 +80,15 @@ class Loss(_Section):
     termination: NonNegative = Field(0.5, description="binary cross-entropy of the end")
     discount: Share = Field(0.97, description="gamma, per control step")
     horizon_decay: Share = Field(0.7, description="lambda and rho, per step of the rollout")
-    n_step: Count = Field(1, description="rewards summed before the target value")
-    twin_minimum: bool = Field(True, description="the smaller of the two target Qs")
-    imitation: NonNegative = Field(1.0, description="lambda, on |a - a_reference|^2")
-    teaching: NonNegative = Field(
-        1.0, description="imitation of demonstrations, as a multiple of that of MPPI"
+    n_step: Count = Field(
+        1, description="states between those with a target value; rewards are summed up to them"
     )
+    twin_minimum: bool = Field(True, description="the smaller of the two target Qs")
+    imitation: NonNegative = Field(1.0, description="lambda, on |a - a_mppi|^2")
+    teaching: NonNegative = Field(0.0, description="on |a - a_teacher|^2, at the start")
+    teaching_end: NonNegative = Field(0.0, description="on |a - a_teacher|^2, in the end")
     imitation_shaping: NonNegative = Field(
-        0.0, description="how much the imitation error shapes the encoder and the dynamics"
+        0.0, description="share of both imitation terms that shapes encoder and dynamics"
     )
     entropy: NonNegative = Field(0.01, description="alpha, or its start when it is tuned")
     entropy_target: float | None = Field(None, description="nats; None keeps alpha fixed")
@@ -116,13 +117,24 @@ class Training(_Section):
     learning_rate: Positive = Field(3e-4, description="the other networks")
     gradient_clip: Positive = Field(10.0)
     target_rate: Share = Field(0.01, description="of the slow target parameters, per update")
-    demonstrations: int = Field(0, ge=0, description="transitions of the informed agent")
+    teacher: str = Field("informed", description="agent that demonstrates and labels")
+    taught_environments: int = Field(0, ge=0, description="in which the teacher labels each step")
+    teaching_updates: Count = Field(
+        20_000, description="over which the weight of teaching goes from its start to its end"
+    )
+    demonstrations: int = Field(0, ge=0, description="transitions of the teacher")
     demonstration_share: Share = Field(0.25, description="of each batch, once there is a replay")
     pretraining: int = Field(0, ge=0, description="updates on demonstrations before acting")
     validation_minutes: Positive = Field(10.0, description="between validations [min]")
     validation_episodes: Count = Field(10, description="per scenario")
     checkpoint_minutes: Positive = Field(5.0, description="between checkpoints [min]")
     bfloat16: bool = Field(False, description="matrix products and convolutions in bfloat16")
+
+    @model_validator(mode="after")
+    def _everybody_has_an_environment(self) -> Training:
+        if self.planning_environments + self.taught_environments > self.environments:
+            raise ValueError("planning_environments + taught_environments exceed environments")
+        return self
 
 
 class Config(_Section):

@@ -1,9 +1,11 @@
-"""Demonstrations: episodes of the privileged ``informed`` agent, the same for all learned agents.
+"""What a teacher, another agent, would do: demonstrations, and advice where a learner drives.
 
-Its actions are made smooth before they are driven, because it re-plans from scratch at each step,
-and in bursts noise is added to what is driven, so that the data shows how to recover (cf. Laskey
-et al., "DART: noise injection for robust imitation learning", 2017) and how collisions come about.
-What is kept as the reference to imitate is the action without the noise.
+Both are the same for all learned agents. In demonstrations the teacher drives, and in bursts noise
+is added to what is driven, so that the data shows how to recover (cf. Laskey et al., "DART: noise
+injection for robust imitation learning", 2017) and how collisions come about. What is kept as the
+reference to imitate is the action without the noise. Where a learner drives, the teacher says at
+each step what it would do there (cf. Ross et al., "A reduction of imitation learning and
+structured prediction to no-regret online learning", 2011).
 """
 
 from __future__ import annotations
@@ -13,15 +15,16 @@ from pathlib import Path
 
 import numpy as np
 from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
-from crowdbench_agents.latent_planner.replay import Replay, Rows
+from crowdbench_agents.latent_planner.replay import NOBODY, TEACHER, Replay, Rows
 from crowdbench_agents.perception import MapGeometry
+from numpy.typing import NDArray
 
 import crowdbench
 
 FIRST_SEED = 1_000_000
-TEACHER = "informed"
 FOLLOW = np.array([0.7, 0.5])
-"""Share of a change of (v, w) that is made at each step."""
+"""Share of the change of (v, w) to what the teacher wants that is made at each step: teachers plan
+from scratch at each step and are jerky."""
 LANES = 8
 BURST = 10  # steps between decisions whether noise is added
 NOISE = 0.7  # std of the noise in a burst, actions in [-1, 1]
@@ -35,8 +38,39 @@ SHARES = {
 }  # fmt: skip
 
 
+class Teachers:
+    """One teacher for each of some environments.
+
+    Args:
+        name: of the agent; it may be a privileged one.
+        crowds: the environments.
+        which: (M,) in which of them there is a teacher.
+    """
+
+    def __init__(self, name: str, crowds: Crowds, which: NDArray[np.integer]) -> None:
+        self.which, self._crowds = which, crowds
+        self._agents = {index: crowdbench.AgentSpec.parse(name).make() for index in which}
+
+    def begin(self, which: NDArray[np.integer]) -> None:
+        """Start anew in those environments, of any, whose episodes begin."""
+        for index in which:
+            if index in self._agents:
+                self._agents[index].reset(self._crowds.robot, seed=0)
+
+    def advise(self) -> NDArray[np.float32]:
+        """(M, 2) actions in [-1, 1]; to be asked once a step, as teachers may track people."""
+        crowds = self._crowds
+        wanted = np.array(
+            [agent.act(crowds.observation(i, state=True)) for i, agent in self._agents.items()],
+            np.float32,
+        )
+        velocity = crowds.sensed.velocity[self.which]
+        return crowds.bounds.normalised(velocity + FOLLOW * (wanted - velocity)).astype(np.float32)
+
+
 def load_demonstrations(
     runs: Path,
+    teacher: str,
     transitions: int,
     geometry: MapGeometry,
     social: bool,
@@ -45,63 +79,60 @@ def load_demonstrations(
     """Open the demonstrations, recording what is missing of them.
 
     Args:
-        runs: the folder of all runs, in which they are kept by number and by the scenarios they
-            show; a recording that was interrupted goes on.
+        runs: the folder of all runs, in which they are kept by teacher, number and the scenarios
+            they show; a recording that was interrupted goes on.
+        teacher: name of an agent.
         transitions: how many.
         geometry: of the obstacle maps.
         social: whether the rewards include the social term.
         progress: called with the number of transitions there are.
     """
     # An episode that has begun is driven to its end, which takes some more rows.
-    folder = runs / f"demonstrations-{transitions}-{worlds_digest()}"
+    folder = runs / f"demonstrations-{teacher}-{transitions}-{worlds_digest()}"
     rows = -(-transitions // LANES) + 400
     replay = Replay(LANES, rows, geometry.cells, social=social, folder=folder)
     if len(replay) < transitions:
         replay.cut()
-        _record(replay, transitions, geometry, progress)
+        _record(replay, teacher, transitions, geometry, progress)
     return replay
 
 
 def _record(
-    replay: Replay, transitions: int, geometry: MapGeometry, progress: Callable[[int], None]
+    replay: Replay,
+    teacher: str,
+    transitions: int,
+    geometry: MapGeometry,
+    progress: Callable[[int], None],
 ) -> None:
     begun = len(replay)
     rng = np.random.default_rng([FIRST_SEED, begun])
-    crowds = Crowds(LANES, _episodes(begun), geometry)
-    teachers = [crowdbench.AgentSpec.parse(TEACHER).make() for _ in range(LANES)]
-    everywhere = np.arange(LANES)
-    last = np.zeros((LANES, 2))
+    crowds, everywhere = Crowds(LANES, _episodes(begun), geometry), np.arange(LANES)
+    teachers = Teachers(teacher, crowds, everywhere)
     noise, noisy = np.zeros((LANES, 2)), np.zeros(LANES, bool)
     age = np.zeros(LANES, np.int64)
 
-    def begin(which: np.ndarray) -> None:
+    def begin(which: NDArray[np.integer]) -> None:
         crowds.begin(which)
+        teachers.begin(which)
         age[which] = rng.integers(BURST, size=len(which))
-        noisy[which], last[which] = False, 0.0
-        for index in which:
-            teachers[index].reset(crowds.robot, seed=0)
+        noisy[which] = False
 
     begin(everywhere)
     while len(replay) < transitions:
-        taught = np.array(
-            [teachers[i].act(crowds.observation(i, state=True)) for i in everywhere], float
-        )
-        proposed = last + FOLLOW * (taught - last)
+        reference = teachers.advise()
         noise = NOISE_CORRELATION * noise
         noise += np.sqrt(1 - NOISE_CORRELATION**2) * NOISE * rng.normal(size=noise.shape)
         noisy = np.where(age % BURST == 0, rng.random(LANES) < 0.4, noisy)
-        reference = crowds.bounds.normalised(proposed)
         action = np.clip(reference + noise * noisy[:, None], -1, 1).astype(np.float32)
-        last = crowds.bounds.physical(action)
         before = tuple(x.copy() for x in crowds.sensed)
-        result = crowds.step(everywhere, last)
+        result = crowds.step(everywhere, crowds.bounds.physical(action))
         collided = result.outcome == "collision"
-        no, yes = np.zeros(LANES, bool), np.ones(LANES, bool)
+        no, source = np.zeros(LANES, bool), np.full(LANES, TEACHER, np.uint8)
         replay.append(
             everywhere,
             Rows(
                 *before, action, result.reward, result.social, result.end, collided, no,
-                reference.astype(np.float32), yes,
+                reference, source,
             ),
         )  # fmt: skip
         age += 1
@@ -117,7 +148,8 @@ def final_rows(maps: np.ndarray, velocity: np.ndarray, goal: np.ndarray) -> Rows
     """The last rows of N episodes: observations only."""
     n = len(maps)
     no, zero, blank = np.zeros(n, bool), np.zeros(n, np.float32), np.zeros((n, 2), np.float32)
-    return Rows(maps, velocity, goal, blank, zero, zero, no, no, ~no, blank, no)
+    nobody = np.full(n, NOBODY, np.uint8)
+    return Rows(maps, velocity, goal, blank, zero, zero, no, no, ~no, blank, nobody)
 
 
 def _episodes(begun: int) -> Iterator[tuple[str, int]]:

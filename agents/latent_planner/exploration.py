@@ -14,6 +14,7 @@ import torch
 from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.crowds import Sensed
 from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.replay import NOBODY, PLANNER
 from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
 from numpy.typing import NDArray
 
@@ -24,12 +25,12 @@ class Acts(NamedTuple):
     Attributes:
         action: (E, 2) to execute.
         reference: (E, 2) as planned, before exploration.
-        has_reference: (E,) whether there is a plan.
+        source: (E,) whose that is: the planner's or nobody's.
     """
 
     action: NDArray[np.float32]
     reference: NDArray[np.float32]
-    has_reference: NDArray[np.bool_]
+    source: NDArray[np.uint8]
 
 
 class Explorer:
@@ -100,7 +101,8 @@ class Explorer:
         self._last = torch.from_numpy(executed)
         self._left -= 1
         self._at += 1
-        return Acts(executed, planned.numpy(), self._planning)
+        source = np.where(self._planning, PLANNER, NOBODY).astype(np.uint8)
+        return Acts(executed, planned.numpy(), source)
 
     def _decide(self, z: torch.Tensor) -> None:
         due = np.flatnonzero(self._left <= 0)

@@ -27,9 +27,17 @@ class ModelLoss(NamedTuple):
 
 
 def model_loss(
-    model: WorldModel, target: WorldModel, batch: Batch, loss: Loss, noise: Tensor
+    model: WorldModel,
+    target: WorldModel,
+    batch: Batch,
+    loss: Loss,
+    noise: Tensor,
+    teaching: float = 0.0,
 ) -> ModelLoss:
     """J of the paper: reward, value and consistency losses along a latent rollout, and the end.
+
+    Observations are encoded, for value targets and consistency, only every ``loss.n_step`` steps:
+    encoding is most of the work.
 
     Args:
         model: whose parameters are trained.
@@ -37,32 +45,34 @@ def model_loss(
         batch: B sequences of H steps.
         loss: weights.
         noise: (H, B, 2) standard normal, for the target policy.
+        teaching: present weight of the imitation of the teacher.
     """
     horizon = len(batch.action)
+    ahead = target_steps(horizon, loss.n_step)
     with torch.no_grad():
-        next_z = target.encode(Inputs(*(x[1:] for x in batch.inputs)))
-        next_action, _ = target.sample(next_z, noise)
-        next_q = target.q(next_z, next_action).float()
-        next_value = next_q.amin(dim=0) if loss.twin_minimum else next_q[0]
-        returns = value_targets(batch, next_value, loss.discount, loss.n_step)
+        later_z = target.encode(Inputs(*(x[ahead] for x in batch.inputs)))
+        later_action, _ = target.sample(later_z, noise[: len(ahead)])
+        later_q = target.q(later_z, later_action).float()
+        later_value = later_q.amin(dim=0) if loss.twin_minimum else later_q[0]
+        returns, known = value_targets(batch, later_value, loss.discount, loss.n_step)
 
     z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
-    latents, inconsistency = [z], []
+    latents = [z]
     for t in range(horizon):
         z = model.next(z, batch.action[t]).float()
-        inconsistency.append((z - next_z[t]).square().mean(dim=-1))
         latents.append(z)
     states = torch.stack(latents[:-1])
+    inconsistency = (torch.stack([latents[t] for t in ahead]) - later_z).square().mean(dim=-1)
 
     reward, end = model.reward_and_end(states, batch.action)
     q = model.q(states, batch.action).float()
     decay = loss.horizon_decay ** torch.arange(horizon)[:, None]
-    weight = batch.valid * decay
-    weight = weight / weight.sum().clamp(min=1.0)
+    weight = _shares(batch.valid * decay)
+    last = [t - 1 for t in ahead]
     terms = {
         "reward": ((reward.float() - batch.reward).square() * weight).sum(),
-        "value": ((q - returns).square().sum(dim=0) * weight).sum(),
-        "consistency": (torch.stack(inconsistency) * weight).sum(),
+        "value": ((q - returns).square().sum(dim=0) * _shares(known * decay)).sum(),
+        "consistency": (inconsistency * _shares((batch.valid * decay)[last])).sum(),
         "termination": (
             binary_cross_entropy_with_logits(end.float(), batch.end, reduction="none") * weight
         ).sum(),
@@ -71,32 +81,51 @@ def model_loss(
     assert isinstance(total, Tensor)
     if loss.imitation_shaping > 0:
         error = (model.act(states) - batch.reference).square().sum(dim=-1)
-        total = total + loss.imitation_shaping * (error * batch.has_reference * weight).sum()
+        wanted = loss.imitation * batch.planned + teaching * batch.taught
+        total = total + loss.imitation_shaping * (error * wanted * weight).sum()
     first = latents[0].detach()
     terms["latent_spread"] = first.std(dim=0).mean()
     terms["value_mean"] = (returns * weight).sum()
     return ModelLoss(total, {k: v.detach() for k, v in terms.items()}, states.detach())
 
 
-def value_targets(batch: Batch, next_value: Tensor, discount: float, steps: int) -> Tensor:
-    """r_t + gamma r_{t+1} + ... + gamma^n V(o_{t+n}), (H, B).
+def target_steps(horizon: int, n_step: int) -> list[int]:
+    """Steps of a sequence whose observations are encoded as targets: every n-th and the last."""
+    return sorted({*range(n_step, horizon, n_step), horizon})
 
-    Fewer than n rewards are summed where the sequence or the episode stops earlier. Nothing is
-    added behind an arrival or a collision; behind the time limit the value is.
+
+def value_targets(
+    batch: Batch, later_value: Tensor, discount: float, n_step: int
+) -> tuple[Tensor, Tensor]:
+    """r_t + gamma r_{t+1} + ... + gamma^k V(o_{t+k}), where t + k is the next target step.
+
+    Nothing is added behind an arrival or a collision.
 
     Args:
         batch: sequences of H steps.
-        next_value: (H, B) V(o_{t+1}).
+        later_value: (K, B) V at the ``target_steps``.
         discount: gamma.
-        steps: n.
+        n_step: distance of the target steps.
+
+    Returns:
+        (H, B) the targets, and (H, B) 1 where there is one: none where the time limit comes
+        before the next target step, since no value is known there.
     """
-    goes_on = discount * (1 - batch.end)
-    one = batch.reward + goes_on * next_value
-    returns = one
-    for _ in range(steps - 1):
-        later = torch.where(batch.valid[1:] > 0, returns[1:], next_value[:-1])
-        returns = torch.cat([batch.reward[:-1] + goes_on[:-1] * later, one[-1:]])
-    return returns
+    horizon = len(batch.reward)
+    value = dict(zip(target_steps(horizon, n_step), later_value, strict=True))
+    returns, known = torch.zeros_like(batch.reward), torch.zeros_like(batch.reward)
+    for t in reversed(range(horizon)):
+        if t + 1 in value:
+            later, there = value[t + 1], torch.ones_like(value[t + 1])
+        else:
+            later, there = returns[t + 1], known[t + 1]
+        returns[t] = batch.reward[t] + discount * (1 - batch.end[t]) * later
+        known[t] = batch.valid[t] * torch.maximum(batch.end[t], there)
+    return returns, known
+
+
+def _shares(weight: Tensor) -> Tensor:
+    return weight / weight.sum().clamp(min=1.0)
 
 
 class PolicyLoss(NamedTuple):
@@ -121,8 +150,11 @@ def policy_loss(
     alpha: float,
     q_scale: float,
     noise: Tensor,
+    teaching: float = 0.0,
 ) -> PolicyLoss:
-    """L_pi of the paper: sum of rho^t [alpha log pi - Q / scale + lambda |a - a_reference|^2].
+    """L_pi of the paper: sum of rho^t [alpha log pi - Q / scale + lambda |a - a_mppi|^2].
+
+    The teacher's advice is imitated like MPPI's plans, with a weight of its own.
 
     Args:
         model: of which only the policy is trained here.
@@ -132,19 +164,24 @@ def policy_loss(
         alpha: entropy coefficient.
         q_scale: divides Q, so that the weights mean the same at each stage of training.
         noise: (H, B, 2) standard normal.
+        teaching: present weight of the imitation of the teacher.
     """
     action, log_prob = model.sample(latents, noise)
     values = model.q(latents, action).float()
     value = values.amin(dim=0) if loss.twin_minimum else values.mean(dim=0)
-    error = (action - batch.reference).square().sum(dim=-1) * batch.has_reference
+    error = (action - batch.reference).square().sum(dim=-1)
+    wanted = loss.imitation * batch.planned + teaching * batch.taught
     decay = loss.horizon_decay ** torch.arange(len(latents))[:, None]
-    weight = batch.valid * decay
-    weight = weight / weight.sum().clamp(min=1.0)
-    imitated = (batch.has_reference * weight).sum()
-    each = alpha * log_prob - value / q_scale + loss.imitation * error
+    weight = _shares(batch.valid * decay)
+    each = alpha * log_prob - value / q_scale + wanted * error
     terms = {
         "entropy": (-log_prob * weight).sum().detach(),
         "policy_value": (value * weight).sum().detach(),
-        "imitation": (error * weight).sum().detach() / imitated.clamp(min=1e-6),
+        "imitation": _mean(error, batch.planned * weight),
+        "teaching": _mean(error, batch.taught * weight),
     }
     return PolicyLoss((each * weight).sum(), terms, value.detach())
+
+
+def _mean(error: Tensor, weight: Tensor) -> Tensor:
+    return (error * weight).sum().detach() / weight.sum().clamp(min=1e-6)

@@ -17,6 +17,9 @@ from crowdbench_agents.latent_planner.world_model import Inputs
 from numpy.typing import NDArray
 from torch import Tensor
 
+NOBODY, PLANNER, TEACHER = 0, 1, 2
+"""Whose a reference action is."""
+
 
 class Batch(NamedTuple):
     """B sequences of H steps, time first.
@@ -28,8 +31,9 @@ class Batch(NamedTuple):
         end: (H, B) 1 where the action ended the episode by arrival or collision.
         collision: (H, B) 1 where the action ended it by collision.
         valid: (H, B) 1 up to the end of the episode, 0 behind it.
-        reference: (H, B, 2) what a planner proposed, in [-1, 1]; the imitation target.
-        has_reference: (H, B) weight of the imitation, 0 where there is no reference.
+        reference: (H, B, 2) what somebody else would have done, in [-1, 1].
+        planned: (H, B) 1 where that is MPPI's plan.
+        taught: (H, B) 1 where that is the teacher's advice.
     """
 
     inputs: Inputs
@@ -39,11 +43,15 @@ class Batch(NamedTuple):
     collision: Tensor
     valid: Tensor
     reference: Tensor
-    has_reference: Tensor
+    planned: Tensor
+    taught: Tensor
 
 
 class Rows(NamedTuple):
-    """One row of each of N lanes; see Batch. ``reward`` is without the social term ``social``."""
+    """One row of each of N lanes; see Batch.
+
+    ``reward`` is without the social term ``social``; ``source`` says whose the reference is.
+    """
 
     map: NDArray[np.uint8]
     velocity: NDArray[np.float32]
@@ -55,7 +63,7 @@ class Rows(NamedTuple):
     collision: NDArray[np.bool_]
     final: NDArray[np.bool_]
     reference: NDArray[np.float32]
-    has_reference: NDArray[np.bool_]
+    source: NDArray[np.uint8]
 
 
 class ReplayError(RuntimeError):
@@ -83,7 +91,7 @@ class Replay:
             "goal": ((2,), np.float32), "action": ((2,), np.float32), "reward": ((), np.float32),
             "social": ((), np.float32),
             "end": ((), np.bool_), "collision": ((), np.bool_), "final": ((), np.bool_),
-            "reference": ((2,), np.float32), "has_reference": ((), np.bool_),
+            "reference": ((2,), np.float32), "source": ((), np.uint8),
         }  # fmt: skip
         self._data = Rows(
             **{
@@ -200,7 +208,8 @@ class Replay:
             collision=numbers(data.collision[lane, actions]),
             valid=numbers(valid),
             reference=tensor(data.reference[lane, actions] * sign),
-            has_reference=numbers(data.has_reference[lane, actions] & valid),
+            planned=numbers((data.source[lane, actions] == PLANNER) & valid),
+            taught=numbers((data.source[lane, actions] == TEACHER) & valid),
         )
 
 

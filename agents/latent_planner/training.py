@@ -17,12 +17,16 @@ import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config, load_config
 from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
-from crowdbench_agents.latent_planner.demonstrations import final_rows, load_demonstrations
+from crowdbench_agents.latent_planner.demonstrations import (
+    Teachers,
+    final_rows,
+    load_demonstrations,
+)
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
-from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows, join
+from crowdbench_agents.latent_planner.replay import TEACHER, Batch, Replay, Rows, join
 from crowdbench_agents.latent_planner.validation import policy_act, validate
 from crowdbench_agents.latent_planner.weights import FORMAT, save_weights
 
@@ -76,8 +80,11 @@ class Run:
         self.demonstrations: Replay | None = None
         if settings.demonstrations:
             self.demonstrations = load_demonstrations(
-                folder.parent, settings.demonstrations, geometry, social
+                folder.parent, settings.teacher, settings.demonstrations, geometry, social
             )
+        # MPPI acts in the first environments, the teacher advises in the last.
+        taught = np.arange(count - settings.taught_environments, count)
+        self.teachers = Teachers(settings.teacher, self.crowds, taught)
         self.steps, self.seconds, self.best = 0, 0.0, -1.0
 
     def begin(self) -> None:
@@ -90,6 +97,9 @@ class Run:
         crowds, everywhere = self.crowds, np.arange(self.crowds.count)
         with self.learner.precision():
             acts = self.explorer.act(crowds.sensed)
+        if len(self.teachers.which):
+            acts.reference[self.teachers.which] = self.teachers.advise()
+            acts.source[self.teachers.which] = TEACHER
         before = tuple(x.copy() for x in crowds.sensed)
         result = crowds.step(everywhere, crowds.bounds.physical(acts.action))
         collided = result.outcome == "collision"
@@ -98,7 +108,7 @@ class Run:
             everywhere,
             Rows(
                 *before, acts.action, result.reward, result.social, result.end, collided, no,
-                acts.reference, acts.has_reference,
+                acts.reference, acts.source,
             ),
         )  # fmt: skip
         self.steps += len(everywhere)
@@ -116,6 +126,7 @@ class Run:
 
     def _begin(self, which: np.ndarray) -> None:
         self.crowds.begin(which)
+        self.teachers.begin(which)
         self.explorer.begin(
             which, self.crowds.bounds.normalised(self.crowds.sensed.velocity[which])
         )
@@ -126,17 +137,12 @@ class Run:
         if self.demonstrations is None:
             return self.replay.sample(settings.batch, *options)
         if len(self.replay) < settings.warmup:
-            return self._taught(settings.batch, options)
-        taught = round(settings.demonstration_share * settings.batch)
-        batch = self.replay.sample(settings.batch - taught, *options)
-        if not taught:
+            return self.demonstrations.sample(settings.batch, *options)
+        shown = round(settings.demonstration_share * settings.batch)
+        batch = self.replay.sample(settings.batch - shown, *options)
+        if not shown:
             return batch
-        return join(batch, self._taught(taught, options))
-
-    def _taught(self, count: int, options: tuple[Any, ...]) -> Batch:
-        assert self.demonstrations is not None
-        batch = self.demonstrations.sample(count, *options)
-        return batch._replace(has_reference=batch.has_reference * self.config.loss.teaching)
+        return join(batch, self.demonstrations.sample(shown, *options))
 
     def save(self) -> None:
         """Write a checkpoint atomically.

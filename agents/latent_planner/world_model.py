@@ -97,7 +97,8 @@ class Encoder(nn.Module):
     """h: f_map (4-layer 3D CNN), f_vel and f_goal, concatenated and fused into z.
 
     The first layer of f_map takes patches of 4 x 4 cells and 4 frames, which costs a quarter of
-    3 x 3 x 3 kernels at full resolution and predicts as well.
+    3 x 3 x 3 kernels at full resolution and predicts as well. The last two layers have as many
+    frames as are left, two and one.
     """
 
     def __init__(self, cells: int, latent: int) -> None:
@@ -107,9 +108,9 @@ class Encoder(nn.Module):
             nn.SiLU(),
             nn.Conv3d(16, 32, kernel_size=3, stride=2, padding=1),
             nn.SiLU(),
-            nn.Conv3d(32, 64, kernel_size=3, stride=2, padding=1),
+            nn.Conv3d(32, 64, kernel_size=(2, 3, 3), stride=2, padding=(0, 1, 1)),
             nn.SiLU(),
-            nn.Conv3d(64, 128, kernel_size=3, padding=1),
+            nn.Conv3d(64, 128, kernel_size=(1, 3, 3), padding=(0, 1, 1)),
             nn.SiLU(),
             nn.Flatten(),
         ).to(memory_format=torch.channels_last_3d)

@@ -1,8 +1,9 @@
 """Training of SAC with Stable-Baselines3, on the latent planner's observations and episodes.
 
 The encoder, the mixture of scenarios, the discount, the reward scale, the reflection, the
-multi-step returns and the demonstrations in the replay are the latent planner's; the learning
-algorithm is Stable-Baselines3's.
+multi-step returns, the demonstrations and the teacher's advice are the latent planner's; the
+learning algorithm is Stable-Baselines3's, with the imitation of the teacher added to the actor's
+loss.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config, load_config
 from crowdbench_agents.latent_planner.crowds import Crowds, Sensed, worlds_digest
-from crowdbench_agents.latent_planner.demonstrations import final_rows, load_demonstrations
+from crowdbench_agents.latent_planner.demonstrations import Teachers, load_demonstrations
 from crowdbench_agents.latent_planner.learner import TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
-from crowdbench_agents.latent_planner.replay import Batch, Replay, Rows, join
+from crowdbench_agents.latent_planner.replay import Replay
 from crowdbench_agents.latent_planner.training import (
     CURVES,
     RUNS,
@@ -31,172 +32,14 @@ from crowdbench_agents.latent_planner.training import (
 )
 from crowdbench_agents.latent_planner.validation import validate
 from crowdbench_agents.latent_planner.weights import save_weights
-from crowdbench_agents.latent_planner.world_model import Encoder, Inputs
+from crowdbench_agents.latent_planner.world_model import Inputs
+from crowdbench_agents.sac.adapters import CrowdReplay, CrowdVecEnv, MapFeatures
 from crowdbench_agents.sac.networks import FORMAT, SacActor
-from gymnasium import spaces
 from stable_baselines3 import SAC
-from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import DictReplayBufferSamples
-from stable_baselines3.common.vec_env import VecEnv
-from torch import Tensor
-from torch.nn.functional import layer_norm
+from stable_baselines3.common.logger import Logger
 
 BATCH = 256
-
-
-class MapFeatures(BaseFeaturesExtractor):
-    """The latent planner's encoder as a features extractor."""
-
-    def __init__(self, space: spaces.Dict, cells: int, latent: int, bfloat16: bool) -> None:
-        super().__init__(space, latent)
-        self.encoder = Encoder(cells, latent)
-        self._bfloat16 = bfloat16
-
-    def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        """Observations (B, ...) -> features (B, latent)."""
-        bits = observations["map"].to(torch.uint8)
-        inputs = Inputs(bits, observations["velocity"], observations["goal"])
-        with torch.autocast("cpu", torch.bfloat16, enabled=self._bfloat16):
-            z = self.encoder(inputs).float()
-        return layer_norm(z, z.shape[-1:])
-
-
-class CrowdVecEnv(VecEnv):
-    """The crowds as Stable-Baselines3 wants them: automatic reset, actions in [-1, 1]."""
-
-    def __init__(self, crowds: Crowds, mixture: Mixture) -> None:
-        cells = crowds.sensed.map.shape[-1]
-        space = spaces.Dict(
-            {
-                "map": spaces.Box(0, 255, (cells, cells), np.uint8),
-                "velocity": spaces.Box(-np.inf, np.inf, (2,), np.float32),
-                "goal": spaces.Box(-np.inf, np.inf, (2,), np.float32),
-            }
-        )
-        self.crowds, self._mixture = crowds, mixture
-        self._everywhere = np.arange(crowds.count)
-        self.social = True
-        super().__init__(crowds.count, space, spaces.Box(-1, 1, (2,), np.float32))
-
-    def reset(self) -> dict[str, np.ndarray]:
-        """Begin an episode in every environment."""
-        self.crowds.begin(self._everywhere)
-        return self._sensed()
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Remember the actions."""
-        self._actions = actions
-
-    def step_wait(self) -> Any:
-        """Step every environment and begin again where an episode is over."""
-        crowds = self.crowds
-        result = crowds.step(self._everywhere, crowds.bounds.physical(self._actions))
-        infos: list[dict[str, Any]] = [
-            {"social": social, "collision": outcome == "collision"}
-            for social, outcome in zip(result.social, result.outcome, strict=True)
-        ]
-        over = np.flatnonzero(result.over)
-        for index in over:
-            infos[index]["terminal_observation"] = {
-                key: value[index].copy() for key, value in self._sensed().items()
-            }
-            infos[index]["TimeLimit.truncated"] = not result.end[index]
-            success = result.outcome[index] == "success"
-            self._mixture.record(crowds.scenario[index], success)
-        crowds.begin(over)
-        return self._sensed(), result.reward, result.over, infos
-
-    def _sensed(self) -> dict[str, np.ndarray]:
-        return {key: value.copy() for key, value in self.crowds.sensed._asdict().items()}
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """No attributes but the render mode are asked for."""
-        return [getattr(self, attr_name, None)] * self.num_envs
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Nothing can be set."""
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kw: Any) -> list[Any]:
-        """No methods are offered."""
-        return []
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Nothing is wrapped."""
-        return [False] * self.num_envs
-
-
-class CrowdReplay(DictReplayBuffer):
-    """The latent planner's replay, with demonstrations, behind Stable-Baselines3's interface."""
-
-    def __init__(
-        self,
-        buffer_size: int,
-        observation_space: spaces.Space,
-        action_space: spaces.Space,
-        device: Any = "cpu",
-        n_envs: int = 1,
-        optimize_memory_usage: bool = False,
-        *,
-        config: Config,
-        replay: Replay,
-        demonstrations: Replay | None,
-        rng: np.random.Generator,
-    ) -> None:
-        super().__init__(1, observation_space, action_space, device, n_envs=n_envs)
-        self._config, self._replay, self._demonstrations = config, replay, demonstrations
-        self._rng = rng
-
-    def add(self, obs, next_obs, action, reward, done, infos) -> None:
-        """Keep one step of every environment."""
-        lanes, count = np.arange(self.n_envs), self.n_envs
-        social = np.array([info["social"] for info in infos], np.float32)
-        late = np.array([info.get("TimeLimit.truncated", False) for info in infos])
-        collided = np.array([info["collision"] for info in infos])
-        no, blank = np.zeros(count, bool), np.zeros((count, 2), np.float32)
-        self._replay.append(
-            lanes,
-            Rows(
-                obs["map"], obs["velocity"], obs["goal"], action, reward, social, done & ~late,
-                collided, no, blank, no,
-            ),
-        )  # fmt: skip
-        over = np.flatnonzero(done)
-        if len(over):
-            last = (next_obs[key][over] for key in ("map", "velocity", "goal"))
-            self._replay.append(over, final_rows(*last))
-
-    def sample(self, batch_size: int, env: Any = None) -> DictReplayBufferSamples:
-        """Draw n-step transitions, a share of them from the demonstrations."""
-        settings, loss = self._config.training, self._config.loss
-        options = loss.n_step, self._rng, 0.0, settings.reflect
-        taught = round(settings.demonstration_share * batch_size) if self._demonstrations else 0
-        batch = self._replay.sample(batch_size - taught, *options)
-        if self._demonstrations is not None and taught:
-            batch = join(batch, self._demonstrations.sample(taught, *options))
-        return n_step(batch, loss.discount, settings.reward_scale)
-
-
-def n_step(batch: Batch, discount: float, scale: float) -> DictReplayBufferSamples:
-    """Sum the rewards of sequences up to their end; see value_targets of the latent planner."""
-    powers = discount ** torch.arange(len(batch.reward))[:, None]
-    reward = (batch.reward * batch.valid * powers).sum(dim=0) * scale
-    length = batch.valid.sum(dim=0).long()
-    columns = torch.arange(len(length))
-    return DictReplayBufferSamples(
-        observations={key: value[0] for key, value in batch.inputs._asdict().items()},
-        actions=batch.action[0],
-        next_observations={
-            key: value[length, columns] for key, value in batch.inputs._asdict().items()
-        },
-        dones=(batch.end * batch.valid).amax(dim=0)[:, None],
-        rewards=reward[:, None],
-        discounts=(discount**length)[:, None],
-    )
 
 
 class Keeper(BaseCallback):
@@ -252,17 +95,20 @@ class SacRun:
         demonstrations = None
         if settings.demonstrations:
             demonstrations = load_demonstrations(
-                folder.parent, settings.demonstrations, geometry, social
+                folder.parent, settings.teacher, settings.demonstrations, geometry, social
             )
+        crowds = Crowds(count, self.mixture, geometry)
+        taught = np.arange(count - settings.taught_environments, count)
         features = {
             "cells": geometry.cells, "latent": config.model.latent, "bfloat16": settings.bfloat16,
         }  # fmt: skip
         target = config.loss.entropy_target
         self.model = SAC(
             "MultiInputPolicy",
-            CrowdVecEnv(Crowds(count, self.mixture, geometry), self.mixture),
+            CrowdVecEnv(crowds, self.mixture, Teachers(settings.teacher, crowds, taught)),
             learning_rate=settings.learning_rate,
-            learning_starts=settings.warmup,
+            # With demonstrations there is something to learn from, and a policy, at once.
+            learning_starts=0 if demonstrations else settings.warmup,
             batch_size=BATCH,
             tau=settings.target_rate,
             gamma=config.loss.discount,
@@ -273,6 +119,7 @@ class SacRun:
                 "config": config, "replay": self.replay, "demonstrations": demonstrations,
                 "rng": self.rng,
             },
+            ent_coef=f"auto_{config.loss.entropy}",
             target_entropy="auto" if target is None else target,
             policy_kwargs={
                 "net_arch": [config.model.hidden, config.model.hidden],
@@ -282,7 +129,35 @@ class SacRun:
             seed=seed,
             device="cpu",
         )  # fmt: skip
+        self.model.set_logger(Logger(None, []))
+        self.model.actor.optimizer.register_step_pre_hook(lambda *_: self.imitate())
         self.seconds, self.best = 0.0, -1.0
+
+    def imitate(self) -> None:
+        """Add the gradient of teaching x |a - a_teacher|^2, averaged over the batch.
+
+        As in the latent planner's policy loss, a is drawn from the policy.
+        """
+        loss, batch = self.config.loss, self.model.replay_buffer.advice
+        done = min(1.0, self.model._n_updates / self.config.training.teaching_updates)
+        weight = loss.teaching + done * (loss.teaching_end - loss.teaching)
+        taught = np.flatnonzero(batch.taught[0])
+        if weight == 0 or not len(taught):
+            return
+        seen = {key: value[0][taught] for key, value in batch.inputs._asdict().items()}
+        action, _ = self.model.actor.action_log_prob(seen)
+        error = (action - batch.reference[0][taught]).square().sum(dim=-1)
+        (weight * error.sum() / len(batch.taught[0])).backward()
+
+    def pretrain(self, journal: Journal) -> None:
+        """Updates on the demonstrations, where there are any, before acting."""
+        settings, begun, before = self.config.training, time.perf_counter(), self.seconds
+        wanted = settings.pretraining if settings.demonstrations else 0
+        while self.model._n_updates < wanted:
+            self.model.train(min(100, wanted - self.model._n_updates), BATCH)
+            self.check()
+            self.seconds = before + time.perf_counter() - begun
+            journal.advance(0.0, f"{self.model._n_updates}/{wanted} updates on demonstrations")
 
     def actor(self) -> SacActor:
         """The present actor on its own."""
@@ -409,6 +284,7 @@ def train(
     total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
     with stop_on_signals(), Journal(name, folder, curve, total) as journal:
         try:
+            run.pretrain(journal)
             run.model.learn(
                 total_timesteps=10**12,
                 callback=Keeper(run, journal, minutes, steps),

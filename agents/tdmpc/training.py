@@ -10,7 +10,6 @@ from crowdbench_agents.latent_planner import training
 
 DIFFERENCES = {
     "loss.imitation": 0.0,
-    "loss.imitation_shaping": 0.0,
     "planner.smoothness_weight": 0.0,
 }
 """No imitation of the planner and no smoothness term; the social reward is left out as well."""

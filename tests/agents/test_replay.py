@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from crowdbench_agents.latent_planner.replay import Replay, ReplayError, Rows, join
+from crowdbench_agents.latent_planner.replay import (
+    PLANNER,
+    TEACHER,
+    Replay,
+    ReplayError,
+    Rows,
+    join,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +25,8 @@ def rows(lanes, values, episode, final=False, collision=False):
     return Rows(
         maps, pair, np.stack([np.full(n, episode, np.float32), value + 1], -1), pair / 1000,
         value, value / 2,
-        flag & collision, flag & collision, flag & final, pair / 1000, flag & (values % 2 == 0),
+        flag & collision, flag & collision, flag & final, pair / 1000,
+        np.full(n, int(values) % 3, np.uint8),
     )  # fmt: skip
 
 
@@ -58,6 +66,8 @@ def test_sequences_are_consecutive_and_stay_in_their_episode(lengths, ring, seed
         assert (time[t + 1] - time[t] == 1)[counts].all()
         assert (episode[t + 1] == episode[t])[counts].all()
         assert (batch.reward[t] == 1.5 * time[t])[counts].all()
+        for flag, source in ((batch.planned, PLANNER), (batch.taught, TEACHER)):
+            np.testing.assert_array_equal(flag[t] == 1, counts & (time[t] % 3 == source))
     assert (batch.valid.diff(dim=0) <= 0).all()
 
 

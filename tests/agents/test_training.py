@@ -8,19 +8,27 @@ import torch
 from crowdbench_agents.latent_planner.config import Config, Loss, load_config
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
-from crowdbench_agents.latent_planner.losses import model_loss, policy_loss, value_targets
+from crowdbench_agents.latent_planner.losses import (
+    model_loss,
+    policy_loss,
+    target_steps,
+    value_targets,
+)
 from crowdbench_agents.latent_planner.replay import Batch
 from crowdbench_agents.latent_planner.training import Mixture, check_folder, train
 from crowdbench_agents.latent_planner.validation import validate
 from crowdbench_agents.latent_planner.weights import load_world_model
 from crowdbench_agents.latent_planner.world_model import Inputs
 from crowdbench_agents.perception import MapGeometry
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import crowdbench
 
 TINY = {
     "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "model.dynamics_hidden": 32,
     "training.environments": 4, "training.planning_environments": 2,
+    "training.taught_environments": 1,
     "training.planning_candidates": 8, "training.planning_iterations": 1, "training.batch": 8,
     "training.replay": 2000, "training.warmup": 60, "training.demonstrations": 0,
     "training.pretraining": 0, "training.validation_episodes": 1, "planner.horizon": 3,
@@ -41,32 +49,54 @@ def sequences(horizon, count, seed=0, cells=16):
     )
     ones, pair = torch.ones(horizon, count), torch.rand(horizon, count, 2, generator=g) * 2 - 1
     reward = torch.randn(horizon, count, generator=g)
-    return Batch(inputs, pair, reward, 0 * ones, 0 * ones, ones, pair, ones)
+    return Batch(inputs, pair, reward, 0 * ones, 0 * ones, ones, pair, ones, 0 * ones)
 
 
 def returns_of(reward, end, valid, value, steps, discount=0.5):
-    """Value targets of one sequence, numbers in lists."""
-    column = [torch.tensor(x, dtype=torch.float32)[:, None] for x in (reward, end, valid)]
-    empty = torch.zeros(0)
-    batch = Batch(None, empty, column[0], column[1], column[1], column[2], empty, empty)
-    value = torch.tensor(value, dtype=torch.float32)[:, None]
-    return value_targets(batch, value, discount, steps)[:, 0].tolist()
+    """Value targets of one sequence and where they are known, numbers in lists."""
+    reward, end, valid, value = (
+        torch.tensor(x, dtype=torch.float32)[:, None] for x in (reward, end, valid, value)
+    )
+    batch = Batch(None, None, reward, end, end, valid, None, None, None)
+    returns, known = value_targets(batch, value, discount, steps)
+    return returns[:, 0].tolist(), known[:, 0].tolist()
+
+
+GO, VALID = [0, 0, 0], [1, 1, 1]
 
 
 def test_value_targets_by_hand():
-    reward, value = [1.0, 2.0, 4.0], [10.0, 20.0, 40.0]
-    go, all_valid = [0, 0, 0], [1, 1, 1]
-    assert returns_of(reward, go, all_valid, value, 1) == [6, 12, 24]
-    assert returns_of(reward, go, all_valid, value, 2) == [1 + 1 + 5, 2 + 2 + 10, 24]
-    assert returns_of(reward, go, all_valid, value, 3) == [1 + 1 + 1 + 5, 14, 24]
+    reward = [1.0, 2.0, 4.0]
+    assert returns_of(reward, GO, VALID, [10.0, 20, 40], 1) == ([6, 12, 24], [1, 1, 1])
+    # V at steps 2 and 3: 1 + 2 / 2 + 20 / 4, 2 + 20 / 2, 4 + 40 / 2
+    assert returns_of(reward, GO, VALID, [20.0, 40], 2) == ([7, 12, 24], [1, 1, 1])
+    # V at step 3 alone: 1 + 2 / 2 + 4 / 4 + 40 / 8, 2 + 4 / 2 + 40 / 4, 4 + 40 / 2
+    assert returns_of(reward, GO, VALID, [40.0], 3) == ([8, 14, 24], [1, 1, 1])
 
 
 def test_nothing_is_added_behind_an_end():
-    assert returns_of([1.0, 2, 4], [0, 1, 0], [1, 1, 0], [10.0, 20, 40], 3)[:2] == [2, 2]
+    returns, known = returns_of([1.0, 2, 4], [0, 1, 0], [1, 1, 0], [40.0], 3)
+    assert (returns[:2], known) == ([2, 2], [1, 1, 0])
 
 
-def test_behind_the_time_limit_the_value_counts():
-    assert returns_of([1.0, 2, 4], [0, 0, 0], [1, 1, 0], [10.0, 20, 40], 3)[:2] == [7, 12]
+def test_behind_the_time_limit_the_value_counts_where_it_is_known():
+    assert returns_of([1.0, 2, 4], GO, [1, 1, 0], [20.0, 40], 2) == ([7, 12, 24], [1, 1, 0])
+    assert returns_of([1.0, 2, 4], GO, [1, 1, 0], [40.0], 3)[1] == [0, 0, 0]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 4), st.integers(0, 1000))
+def test_value_targets_sum_rewards_up_to_the_next_target_step(horizon, steps, seed):
+    rng = np.random.default_rng(seed)
+    reward, values = rng.normal(size=horizon), rng.normal(size=horizon + 1)
+    at = target_steps(horizon, steps)
+    found, _ = returns_of(
+        reward.tolist(), [0] * horizon, [1] * horizon, values[at].tolist(), steps, discount=0.9
+    )
+    for t in range(horizon):
+        until = next(k for k in at if k > t)
+        sum_ = sum(0.9 ** (k - t) * reward[k] for k in range(t, until))
+        assert found[t] == pytest.approx(sum_ + 0.9 ** (until - t) * values[until], abs=1e-5)
 
 
 def test_steps_behind_the_end_of_an_episode_do_not_count():
@@ -96,15 +126,17 @@ class Linear:
 
 
 def test_policy_loss_by_hand():
-    batch = sequences(2, 1)
-    reference = torch.tensor([[[0.5, 0.0]], [[0.0, 0.0]]])
-    batch = batch._replace(reference=reference, has_reference=torch.tensor([[1.0], [0.0]]))
-    noise = torch.tensor([[[1.0, 1.0]], [[-1.0, 0.0]]])
+    batch = sequences(3, 1)
+    reference = torch.tensor([[[0.5, 0.0]], [[0.0, 0.0]], [[1.0, 1.0]]])
+    planned, taught = torch.tensor([[1.0], [0], [0]]), torch.tensor([[0.0], [0], [1]])
+    batch = batch._replace(reference=reference, planned=planned, taught=taught)
+    noise = torch.tensor([[[1.0, 1.0]], [[-1.0, 0.0]], [[0.0, 0.5]]])
     loss = Loss(imitation=3.0, horizon_decay=0.5, twin_minimum=True)
-    result = policy_loss(Linear, torch.zeros(2, 1, 4), batch, loss, 0.1, 4.0, noise)
+    result = policy_loss(Linear, torch.zeros(3, 1, 4), batch, loss, 0.1, 4.0, noise, 2.0)
     first = 0.1 * -1 - 2 / 4 + 3 * (0.25 + 1)
     second = 0.1 * -1 + 2 / 4
-    assert float(result.total) == pytest.approx((first + 0.5 * second) / 1.5)
+    third = 0.1 * -1 - 0 / 4 + 2 * (1 + 0.25)
+    assert float(result.total) == pytest.approx((first + 0.5 * second + 0.25 * third) / 1.75)
 
 
 def test_updates_on_a_fixed_batch_reduce_every_loss():
