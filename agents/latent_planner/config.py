@@ -63,6 +63,9 @@ class Planner(_Section):
     candidates: Count = Field(512)
     elites: Count = Field(64)
     policy_share: Share = Field(0.05, description="share of the candidates from the policy")
+    start: Literal["previous", "policy"] = Field(
+        "previous", description="the first mean: the previous plan moved on, or the policy's plan"
+    )
     temperature: Positive = Field(0.5, description="of the weights among elites, in Q scales")
     min_std: Positive = Field(0.05, description="of an action normalised to [-1, 1]")
     max_std: Positive = Field(1.0, description="of an action normalised to [-1, 1]")

@@ -78,7 +78,11 @@ class FastPlanner:
             return settings.smoothness_weight * rough
 
         noise = torch.randn(guided, horizon, ACTION, generator=generator)
+        if settings.start == "policy":
+            noise[:1] = 0.0
         from_policy, returns = self._follow_policy(z, noise, discount, score)
+        if settings.start == "policy" and guided:
+            mean = from_policy[:, 0]
         policy_scores = returns - penalty(from_policy)
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)

@@ -53,7 +53,8 @@ def plan(
         discount: gamma per step.
         half_range: (2,) half the range of v [m/s] and w [rad/s]: converts changes to physical ones.
         generator: of all noise.
-        warm_start: (M, H, 2) initial mean, e.g. the previous plan moved on by what was executed.
+        warm_start: (M, H, 2) the previous plan moved on by what was executed; with
+            ``settings.start`` "policy" and some candidates from the policy it is not used.
         score: which of the predicted terms count.
     """
     robots, horizon = len(z), settings.horizon
@@ -65,7 +66,12 @@ def plan(
     def draw(*shape: int) -> Tensor:
         return torch.randn(*shape, generator=generator)
 
-    from_policy = policy_rollouts(model, z, draw(robots, guided, horizon, ACTION))
+    noise = draw(robots, guided, horizon, ACTION)
+    if settings.start == "policy":
+        noise[:, :1] = 0.0
+    from_policy = policy_rollouts(model, z, noise)
+    if settings.start == "policy" and guided:
+        mean = from_policy[:, 0]
     for _ in range(settings.iterations):
         sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
         candidates = torch.cat([from_policy, sampled.clamp(-1, 1)], dim=1)

@@ -11,8 +11,11 @@ from crowdbench_agents.latent_planner import training
 DIFFERENCES = {
     "loss.imitation": 0.0,
     "planner.smoothness_weight": 0.0,
+    "planner.start": "previous",
+    "planner.max_std": 1.0,
 }
-"""No imitation of the planner and no smoothness term; the social reward is left out as well."""
+"""No imitation of the planner and no smoothness term, and planning starts from the previous plan,
+as in TD-MPC; the social reward is left out as well."""
 
 
 def train(

@@ -55,9 +55,11 @@ def test_plans_are_equal_for_every_form_of_the_model(dynamics, norm):
     assert_equal_plans(*both(Config().override(SMALL | changes)))
 
 
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_plans_are_equal_without_policy_candidates_and_with_them_alone(share):
-    assert_equal_plans(*both(load_config().override(SMALL | {"planner.policy_share": share})))
+@pytest.mark.parametrize("start", ["previous", "policy"])
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+def test_plans_are_equal_for_every_share_of_the_policys_candidates(share, start):
+    changes = {"planner.policy_share": share, "planner.start": start}
+    assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
 
 
 def test_plans_are_equal_at_the_full_budget():

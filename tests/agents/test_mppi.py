@@ -106,6 +106,14 @@ def test_warm_start_is_where_the_search_begins():
     torch.testing.assert_close(result.actions, start, atol=0.05, rtol=0)
 
 
+def test_with_start_policy_the_search_begins_at_the_policys_plan():
+    narrow = settings(iterations=1, max_std=0.021, min_std=0.02, policy_share=0.01, start="policy")
+    start = torch.tensor([[[0.9, -0.9]] * 4])
+    result = solve(LinearModel([1.2, -0.3]), narrow, warm_start=start)
+    expected = torch.tensor([[[1, -0.6], [1, 0], [0.4, 0], [0, 0]]])
+    torch.testing.assert_close(result.actions, expected, atol=0.05, rtol=0)
+
+
 def test_robots_of_a_batch_are_planned_for_their_own_state():
     model, chosen = LinearModel([0.0, 0.0]), settings()
     z = torch.tensor([[0.4, 0.0], [-0.4, 0.2]])

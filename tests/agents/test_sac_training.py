@@ -1,0 +1,83 @@
+"""SAC's training: it learns what its teacher does, stops and goes on."""
+
+import numpy as np
+import pytest
+import torch
+from crowdbench_agents.latent_planner.config import load_config
+from crowdbench_agents.sac.networks import load_actor
+from crowdbench_agents.sac.training import BATCH, SacRun, train
+
+import crowdbench
+
+TINY = {
+    "perception.cells": 16, "model.latent": 32, "model.hidden": 32,
+    "training.environments": 4, "training.planning_environments": 0,
+    "training.taught_environments": 2, "training.replay": 2000, "training.warmup": 60,
+    "training.teacher": "straight_line", "training.demonstrations": 600,
+    "training.pretraining": 10, "training.validation_episodes": 1, "training.bfloat16": False,
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def in_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(crowdbench, "scenario_names", lambda: ["corridor_sparse", "unimodal_slow"])
+    return tmp_path
+
+
+class Silent:
+    """A journal that nobody reads."""
+
+    def advance(self, done, note):
+        pass
+
+
+def distance_from_teacher(folder, **changes):
+    """Mean squared distance of the actor from the demonstrations, before and after training."""
+    config = load_config().override(TINY | {"training.pretraining": 150} | changes)
+    run = SacRun(folder / "run", config, seed=0, social=True, facts={})
+    batch = run.model.replay_buffer._demonstrations.sample(400, 1, np.random.default_rng(0))
+
+    def error():
+        seen = type(batch.inputs)(*(x[0] for x in batch.inputs))
+        with torch.no_grad():
+            off = (run.actor()(seen) - batch.reference[0]).square().sum(dim=-1)
+        return float((off * batch.taught[0]).sum() / batch.taught[0].sum())
+
+    before = error()
+    run.pretrain(Silent())
+    assert run.model._n_updates == 150
+    return before, error()
+
+
+def test_the_actor_learns_what_the_teacher_advises(in_empty_folder):
+    before, after = distance_from_teacher(in_empty_folder)
+    assert after < 0.3 * before
+
+
+def test_without_the_weight_of_teaching_it_does_not(in_empty_folder):
+    off = {"loss.teaching": 0.0, "loss.teaching_end": 0.0}
+    before, after = distance_from_teacher(in_empty_folder, **off)
+    assert after > 0.5 * before
+
+
+def test_advice_reaches_the_replay_of_taught_environments_only(in_empty_folder):
+    config = load_config().override(TINY)
+    run = SacRun(in_empty_folder / "run", config, seed=0, social=True, facts={})
+    run.model.learn(total_timesteps=80, log_interval=None)
+    data = run.replay._data
+    taught = [data.source[lane, : run.replay.lengths()[lane]].any() for lane in range(4)]
+    assert taught == [False, False, True, True]
+    assert run.model.replay_buffer.advice.taught.shape[1] == BATCH
+
+
+def test_a_run_trains_stops_and_goes_on(in_empty_folder):
+    folder = train("short", steps=100, overrides=TINY)
+    train("short", steps=160, resume=True, overrides=TINY)
+    lines = (in_empty_folder / "results/training/short.csv").read_text().splitlines()
+    steps = [int(line.split(",")[0]) for line in lines[1:]]
+    updates = [int(line.split(",")[2]) for line in lines[1:]]
+    assert steps == [100, 160]
+    assert updates[1] > updates[0] > TINY["training.pretraining"]
+    _, config = load_actor(folder / "last.safetensors")
+    assert config.model.latent == 32
