@@ -128,7 +128,7 @@ class Reward(_Section):
 
     arrival: float = Field(20.0, description="r_arrival")
     progress: float = Field(9.0, description="w_1, per metre nearer to the goal")
-    collision: float = Field(-20.0, description="r_collision")
+    collision: float = Field(-60.0, description="r_collision")
     proximity: float = Field(-0.4, description="w_2, times 1 - d / proximity_range")
     proximity_range: Positive = Field(1.25, description="r + 1 m [m]")
     social: NonNegative = Field(0.2, description="w_3; 0 switches the social term off")

@@ -37,7 +37,7 @@ def test_collision_term_grows_linearly_below_the_proximity_range(nearest, expect
 
 
 def test_contact_gives_the_collision_penalty_alone():
-    assert collision_term(WEIGHTS, True, 0.1) == -20.0
+    assert collision_term(WEIGHTS, True, 0.1) == -60.0
 
 
 def test_cutting_in_is_punished_by_how_near_it_comes():
