@@ -25,7 +25,8 @@ class Acts(NamedTuple):
     Attributes:
         action: (E, 2) to execute.
         reference: (E, 2) as planned, before exploration.
-        source: (E,) whose that is: the planner's or nobody's.
+        source: (E,) whose that is: the planner's where it was planned for this very observation,
+            else nobody's.
     """
 
     action: NDArray[np.float32]
@@ -99,9 +100,10 @@ class Explorer:
         explored = action + self._noise * self._exploring[:, None]
         executed = np.clip(explored, -1, 1).astype(np.float32)
         self._last = torch.from_numpy(executed)
+        # What was planned some steps ago, blind to what has been seen since, is no good example.
+        source = np.where(self._planning & (self._at == 0), PLANNER, NOBODY).astype(np.uint8)
         self._left -= 1
         self._at += 1
-        source = np.where(self._planning, PLANNER, NOBODY).astype(np.uint8)
         return Acts(executed, planned.numpy(), source)
 
     def _decide(self, z: torch.Tensor) -> None:
