@@ -54,7 +54,7 @@ class RobotSpec:
         length, width: footprint [m], centred on the pose, length along the heading.
         speed: lowest and highest forward speed [m/s].
         turn_rate: lowest and highest turn rate [rad/s], left positive.
-        acceleration: limits on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2], or None.
+        acceleration: limits on ``|dv/dt|`` [m/s^2] and ``|dw/dt|`` [rad/s^2], or None.
         control_period: time between two actions [s].
         goal_tolerance: distance at which the goal counts as reached [m].
         lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
