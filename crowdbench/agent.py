@@ -164,6 +164,10 @@ class AgentSpec:
 
     ``name[:option=value,...]`` or ``file.py[:Class][:option=value,...]``.
 
+    Attributes:
+        name: of an installed agent, or ``file.py[:Class]``.
+        options: keyword arguments of the agent, by name.
+
     Raises:
         AgentError: a name or option that its own text would not give back.
     """

@@ -18,11 +18,12 @@ html_show_sphinx = False
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "_generated"]
+myst_enable_extensions = ["attrs_inline"]
 myst_heading_anchors = 3
 autoclass_content = "both"
 autodoc_member_order = "bysource"
-autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented_params"
+autodoc_typehints_format = "short"
+maximum_signature_line_length = 70
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 

@@ -13,6 +13,8 @@ from crowdbench.cli import app
 
 SEED, SECONDS = 0, 3.0
 """Of the pictured episodes, and when the picture is taken [s]."""
+SCALE = 0.7
+"""Of a picture on the page, which leaves it sharp on dense screens."""
 
 
 def write(folder: Path) -> None:
@@ -46,7 +48,7 @@ def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
     yield "| field | default | allowed | meaning |"
     yield "|---|---|---|---|"
     for key, field in section["properties"].items():
-        default = "" if "default" not in field else f"`{_text(field['default'])}`"
+        default = f"`{_text(field['default'])}`" if field.get("default", "") != "" else ""
         meaning = field.get("description", "").replace("|", r"\|")
         yield f"| `{key}` | {default} | {_allowed(field)} | {meaning} |"
     yield ""
@@ -59,15 +61,18 @@ def _allowed(field: dict[str, Any]) -> str:
         return " or ".join(_allowed(option) for option in field["anyOf"])
     if "prefixItems" in field:
         return f"two numbers, {_allowed(field['prefixItems'][0])}"
+    if "minimum" in field and "maximum" in field:
+        return f"{field['minimum']:g} to {field['maximum']:g}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}
     limits = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
-    return ", ".join(limits) or {"null": "`null`", "string": "text"}.get(field["type"], "")
+    kinds = {"null": "`null`", "string": "text", "number": "any number"}
+    return ", ".join(limits) or kinds[field["type"]]
 
 
 def _text(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"
-    return "null" if value is None else str(value)
+    return "null" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _gallery(folder: Path) -> Iterator[str]:
@@ -75,9 +80,10 @@ def _gallery(folder: Path) -> Iterator[str]:
     for name in crowdbench.scenario_names():
         picture = _picture(name)
         picture.save(folder / f"{name}.png", optimize=True)
+        width = round(SCALE * picture.width)
         yield f"## {name}\n"
         yield f"{crowdbench.load_scenario(name).description}.\n"
-        yield f"![{name}, {SECONDS:g} s after its start]({name}.png)\n"
+        yield f"![{name}, {SECONDS:g} s after its start]({name}.png){{width={width}px}}\n"
 
 
 def _picture(name: str) -> Image.Image:

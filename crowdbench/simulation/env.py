@@ -158,7 +158,14 @@ def parallel_env(
 
 
 class CrowdEnv(ParallelEnv):
-    """See the module's docstring."""
+    """Robots among pedestrians; the docstring of ``crowdbench.simulation.env`` describes it.
+
+    Attributes:
+        scenario: the world that is simulated.
+        possible_agents: ``robot_0``, ... and, where they are agents, ``pedestrian_0``, ...
+        agents: those that still take part in the episode.
+        state_space: keys and shapes of ``state()``.
+    """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo's, adapted per instance
         "name": "crowdbench/crowd-v0",
@@ -168,7 +175,11 @@ class CrowdEnv(ParallelEnv):
     }
 
     def __init__(self, scenario: Scenario, render_mode: RenderMode | None = None) -> None:
-        """Prepare the spaces; the world is built by ``reset``."""
+        """Prepare the spaces; the world is built by ``reset``.
+
+        Raises:
+            ValueError: an unknown render mode.
+        """
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode {render_mode!r}: expected None or one of {modes}")
@@ -211,10 +222,10 @@ class CrowdEnv(ParallelEnv):
         Args:
             seed: fixes everything that happens except what agents decide; None draws the next
                 one from the last seed given (or from the operating system).
-            options: none are known.
+            options: ignored; there are none.
 
         Returns:
-            observations and (empty) infos by agent.
+            Observations and (empty) infos by agent.
 
         Raises:
             ScenarioError: the scenario has no room.
@@ -245,6 +256,9 @@ class CrowdEnv(ParallelEnv):
 
         Args:
             actions: (2,) per robot still in the scene, optionally per pedestrian agent.
+
+        Returns:
+            Observations, rewards, terminations, truncations and infos, each by agent.
 
         Raises:
             ValueError: a missing, non-finite or wrongly shaped action, or an unknown agent.
@@ -299,6 +313,9 @@ class CrowdEnv(ParallelEnv):
         """Everything about the world, as copies; keys and shapes as in ``state_space``.
 
         Hidden intents are included: for privileged agents, replay and tests.
+
+        Raises:
+            RuntimeError: ``reset`` has not been called.
         """
         if self._world is None:
             raise RuntimeError("call reset() before state()")
