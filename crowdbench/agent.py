@@ -137,7 +137,7 @@ class Agent(ABC):
     """A planner. Keyword arguments of ``__init__`` are its options (``name:option=value``)."""
 
     privileged: ClassVar[bool] = False
-    """True: ``observation.state`` is filled in. For ceilings and tests, never for comparison."""
+    """If true, ``observation.state`` is filled in: for ceilings and tests, never for comparison."""
 
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""

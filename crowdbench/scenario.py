@@ -134,13 +134,21 @@ class Pedestrians(_Section):
 class Reward(_Section):
     """Weights of R = R_goal + R_collision + R_social (paper, section III.B)."""
 
-    arrival: float = Field(20.0, description="r_arrival")
-    progress: float = Field(9.0, description="w_1, per metre nearer to the goal")
-    collision: float = Field(-20.0, description="r_collision")
-    proximity: float = Field(-0.4, description="w_2, times 1 - d / proximity_range")
-    proximity_range: Positive = Field(1.25, description="r + 1 m [m]")
-    social: NonNegative = Field(0.2, description="w_3; 0 switches the social term off")
-    social_radius: Positive = Field(1.2, description="r_s, between centres [m]")
+    arrival: float = Field(20.0, description="on arrival (r_arrival)")
+    progress: float = Field(9.0, description="per metre nearer to the goal (w_1)")
+    collision: float = Field(-20.0, description="on contact (r_collision)")
+    proximity: float = Field(
+        -0.4, description="times 1 - d / proximity_range for the nearest surface (w_2)"
+    )
+    proximity_range: Positive = Field(
+        1.25, description="beyond which nothing is near (r + 1 m) [m]"
+    )
+    social: NonNegative = Field(
+        0.2, description="times 1 - d / social_radius (w_3); 0 switches it off"
+    )
+    social_radius: Positive = Field(
+        1.2, description="beyond which nobody is cut in on (r_s), centres [m]"
+    )
     social_horizon: Positive = Field(2.0, description="how far the interaction is predicted [s]")
 
 
