@@ -1,7 +1,16 @@
-"""crowdbench: a benchmark for planning robot motion among pedestrians.
+"""A benchmark for planning robot motion among pedestrians.
 
-The names below are the public interface; everything heavy is imported on first use, so that
-``import crowdbench`` and ``crowdbench --help`` stay fast.
+The names in ``__all__`` are the public interface:
+
+- environments: ``parallel_env`` makes one for PettingZoo (a ``CrowdEnv``);
+  ``gymnasium.make("crowdbench:CrowdNav-v0", scenario=...)`` one for Gymnasium (a ``CrowdNavEnv``);
+- planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
+  given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
+- scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
+- ``Episode``: the log of one robot's run;
+- ``orca_velocities``: how the pedestrians avoid each other.
+
+``crowdbench --help`` says what the command line can do.
 """
 
 from __future__ import annotations
@@ -12,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import pettingzoo
 
-from crowdbench.agent import Action, Agent, AgentSpec, Observation, RobotSpec
+from crowdbench.agent import Action, Agent, AgentError, AgentSpec, Observation, RobotSpec
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 
 if TYPE_CHECKING:
@@ -21,6 +30,7 @@ if TYPE_CHECKING:
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.orca import orca_velocities
 
+# Heavy, so imported on first use: ``crowdbench --help`` answers at once.
 _LAZY = {
     "CrowdEnv": "crowdbench.simulation.env",
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
@@ -32,6 +42,7 @@ _LAZY = {
 __all__ = [
     "Action",
     "Agent",
+    "AgentError",
     "AgentSpec",
     "CrowdEnv",
     "CrowdNavEnv",
@@ -55,3 +66,7 @@ def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return getattr(importlib.import_module(_LAZY[name]), name)
     raise AttributeError(f"module 'crowdbench' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

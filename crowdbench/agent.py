@@ -54,7 +54,7 @@ class RobotSpec:
         length, width: footprint [m], centred on the pose, length along the heading.
         speed: lowest and highest forward speed [m/s].
         turn_rate: lowest and highest turn rate [rad/s], left positive.
-        acceleration: limits on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2], or None.
+        acceleration: limits on ``|dv/dt|`` [m/s^2] and ``|dw/dt|`` [rad/s^2], or None.
         control_period: time between two actions [s].
         goal_tolerance: distance at which the goal counts as reached [m].
         lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
@@ -137,7 +137,7 @@ class Agent(ABC):
     """A planner. Keyword arguments of ``__init__`` are its options (``name:option=value``)."""
 
     privileged: ClassVar[bool] = False
-    """True: ``observation.state`` is filled in. For ceilings and tests, never for comparison."""
+    """If true, ``observation.state`` is filled in: for ceilings and tests, never for comparison."""
 
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""
@@ -163,6 +163,10 @@ class AgentSpec:
     """An agent as named on a command line.
 
     ``name[:option=value,...]`` or ``file.py[:Class][:option=value,...]``.
+
+    Attributes:
+        name: of an installed agent, or ``file.py[:Class]``.
+        options: keyword arguments of the agent, by name.
 
     Raises:
         AgentError: a name or option that its own text would not give back.

@@ -56,7 +56,7 @@ def record(
         typer.Option("--output", "-o", help=".gif or .mp4, by default SCENARIO-AGENT-SEED.gif."),
     ] = None,
 ) -> None:
-    """Run one episode and record it as a GIF or MP4."""
+    """Record one episode as a GIF or MP4."""
     world = load_scenario(scenario, **parse_overrides(overrides or []))
 
     from crowdbench.agent import AgentSpec

@@ -55,7 +55,10 @@ def run(
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
     ] = False,
 ) -> None:
-    """Run agents in scenarios and store one row per episode; goes on where it stopped."""
+    """Run agents in scenarios.
+
+    One row per episode is stored; the same command goes on where it was stopped.
+    """
     from crowdbench.cli_progress import ProgressBar
     from crowdbench.evaluation.pool import Limits
     from crowdbench.evaluation.results import ResultsStore
@@ -106,7 +109,7 @@ def compare(
     ] = None,
     results: ResultsOption = RESULTS,
 ) -> None:
-    """Compare two agents on the episodes that both have run."""
+    """Compare two agents on shared episodes."""
     from crowdbench.cli_report import print_comparison
     from crowdbench.evaluation.metrics import METRICS
     from crowdbench.evaluation.statistics import PairingError

@@ -27,7 +27,10 @@ def tables(
     ] = None,
     results: ResultsOption = Path("results"),
 ) -> None:
-    """Write the paper's tables and figures, measured here, and results/README.md."""
+    """Write the paper's tables and figures.
+
+    They are made from the stored episodes, as is the README.md beside them.
+    """
     from crowdbench.reporting.formats import terminal
     from crowdbench.reporting.report import write_report
 

@@ -31,7 +31,10 @@ def train(
     ] = None,
     overrides: SetOption = None,
 ) -> None:
-    """Train an agent; the run goes to runs/NAME, its curve to results/training/NAME.csv."""
+    """Train an agent.
+
+    The run goes to runs/NAME, its curve to results/training/NAME.csv.
+    """
     from importlib.metadata import entry_points
 
     points = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}

@@ -52,7 +52,9 @@ class _Section(BaseModel):
 class Arena(_Section):
     """Where the scene takes place; the origin is its centre, a corridor runs along x."""
 
-    kind: Literal["open", "corridor"] = "open"
+    kind: Literal["open", "corridor"] = Field(
+        "open", description="a corridor has walls on its long sides"
+    )
     length: Positive = Field(10.0, le=200, description="extent along x [m]")
     width: Positive = Field(10.0, le=200, description="extent along y [m]")
 
@@ -60,7 +62,7 @@ class Arena(_Section):
 class Robots(_Section):
     """The robots: differential drive, rectangular footprint."""
 
-    count: int = Field(1, ge=1, le=32)
+    count: int = Field(1, ge=1, le=32, description="how many")
     length: Positive = Field(0.4, le=5, description="footprint along the heading [m]")
     width: Positive = Field(0.3, le=5, description="footprint across the heading [m]")
     speed: tuple[Signed, Signed] = Field((0.0, 1.0), description="forward speed v [m/s]")
@@ -77,8 +79,8 @@ class Robots(_Section):
 class Lidar(_Section):
     """A planar LiDAR at the robot's centre."""
 
-    beams: int = Field(180, ge=1, le=4096)
-    field_of_view: Positive = Field(360.0, le=360, description="[deg]")
+    beams: int = Field(180, ge=1, le=4096, description="rays per scan, evenly spaced")
+    field_of_view: Positive = Field(360.0, le=360, description="centred ahead [deg]")
     range: Positive = Field(6.0, le=100, description="largest distance reported [m]")
     noise: NonNegative = Field(0.0, le=1, description="standard deviation of a distance [m]")
     dropout: Share = Field(0.0, description="share of beams that report the full range")
@@ -87,19 +89,21 @@ class Lidar(_Section):
 class Obstacles(_Section):
     """Static round obstacles, placed at random."""
 
-    count: int = Field(0, ge=0, le=200)
-    radius: tuple[Size, Size] = Field((0.3, 0.5), description="[m]")
+    count: int = Field(0, ge=0, le=200, description="how many")
+    radius: tuple[Size, Size] = Field((0.3, 0.5), description="drawn per obstacle [m]")
 
 
 class Pedestrians(_Section):
     """The people: how many, how they walk, what they want and whom they see."""
 
-    count: int = Field(8, ge=0, le=500)
-    radius: Positive = Field(0.25, le=2, description="[m]")
+    count: int = Field(8, ge=0, le=500, description="how many")
+    radius: Positive = Field(0.25, le=2, description="of everybody [m]")
     speed: tuple[Speed, Speed] = Field(
         (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
     )
-    model: Literal["orca", "social_force", "straight"] = "orca"
+    model: Literal["orca", "social_force", "straight"] = Field(
+        "orca", description="how they avoid others; straight: not at all"
+    )
     control: Literal["scripted", "agents"] = Field(
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
     )
@@ -110,14 +114,18 @@ class Pedestrians(_Section):
     responsibility: Share = Field(
         0.5, description="share of an evasion that a pedestrian takes on when meeting the robot"
     )
-    goals: Literal["unimodal", "multimodal"] = "unimodal"
+    goals: Literal["unimodal", "multimodal"] = Field(
+        "unimodal", description="multimodal: a leg may be interrupted"
+    )
     switch_probability: Share = Field(
         0.5, description="multimodal: chance that a leg is interrupted, half of them to return"
     )
     leg: Positive = Field(
         4.0, le=200, description="least distance from a leg's start to its goal [m]"
     )
-    on_arrival: Literal["new_goal", "stop"] = "new_goal"
+    on_arrival: Literal["new_goal", "stop"] = Field(
+        "new_goal", description="walk on to another goal, or stand still"
+    )
     spawn_clearance: NonNegative = Field(
         1.0, description="least gap between a pedestrian and a robot's start, surfaces [m]"
     )
@@ -126,13 +134,21 @@ class Pedestrians(_Section):
 class Reward(_Section):
     """Weights of R = R_goal + R_collision + R_social (paper, section III.B)."""
 
-    arrival: float = Field(20.0, description="r_arrival")
-    progress: float = Field(9.0, description="w_1, per metre nearer to the goal")
-    collision: float = Field(-60.0, description="r_collision")
-    proximity: float = Field(-0.4, description="w_2, times 1 - d / proximity_range")
-    proximity_range: Positive = Field(1.25, description="r + 1 m [m]")
-    social: NonNegative = Field(0.2, description="w_3; 0 switches the social term off")
-    social_radius: Positive = Field(1.2, description="r_s, between centres [m]")
+    arrival: float = Field(20.0, description="on arrival (r_arrival)")
+    progress: float = Field(9.0, description="per metre nearer to the goal (w_1)")
+    collision: float = Field(-60.0, description="on contact (r_collision)")
+    proximity: float = Field(
+        -0.4, description="times 1 - d / proximity_range for the nearest surface (w_2)"
+    )
+    proximity_range: Positive = Field(
+        1.25, description="beyond which nothing is near (r + 1 m) [m]"
+    )
+    social: NonNegative = Field(
+        0.2, description="times 1 - d / social_radius (w_3); 0 switches it off"
+    )
+    social_radius: Positive = Field(
+        1.2, description="beyond which nobody is cut in on (r_s), centres [m]"
+    )
     social_horizon: Positive = Field(2.0, description="how far the interaction is predicted [s]")
 
 
@@ -142,8 +158,13 @@ class Scenario(_Section):
     Together with an episode seed it fixes everything that happens except what agents decide.
     """
 
-    name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9_.-]+$")
-    description: str = ""
+    name: str = Field(
+        min_length=1,
+        max_length=100,
+        pattern=r"^[A-Za-z0-9_.-]+$",
+        description="letters, digits and _.-; by default the file's",
+    )
+    description: str = Field("", description="what it is like, in a line")
     control_period: Positive = Field(0.2, le=2, description="time between two actions [s]")
     substeps: int = Field(4, ge=1, le=50, description="physics steps per control period")
     time_limit: Positive = Field(40.0, le=3600, description="after which an episode ends [s]")

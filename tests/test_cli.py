@@ -12,11 +12,14 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from crowdbench.agent import agent_names
 from crowdbench.cli import main
+from crowdbench.cli_report import print_comparison
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import scenario_names
@@ -176,6 +179,18 @@ def test_agents_are_compared_on_the_episodes_both_ran(place, capsys):
     assert f"{difference:.3g}" in line or f"{difference:.3f}" in line
     assert line.split()[-1] == "4"
     assert f"B: {other}" in text.replace("\n", "")
+
+
+def test_a_narrow_terminal_cuts_no_number_off():
+    line = {
+        "scenario": "open", "metric": "inference_s", "mean_a": 0.00023, "mean_b": 0.00028,
+        "difference": -4.4e-5, "low": -9.2e-5, "high": -4.4e-6, "p": 2e-4, "p_holm": 6e-4, "n": 100,
+    }  # fmt: skip
+    console = Console(width=80, file=io.StringIO())
+    print_comparison(console, pd.DataFrame([line]), "a", "b")
+    words = console.file.getvalue().split()
+    assert words.count("0.001") == 2
+    assert {"100", "pairs", "-4.4e-05", "[-9.2e-05,", "-4.4e-06]"} <= set(words)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
@@ -10,8 +9,19 @@ from pathlib import Path
 
 import pytest
 
+import crowdbench
+
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", "docs/add_an_agent.md", "docs/train_with_your_library.md"]
+PAGES = [
+    "README.md",
+    "docs/tutorial.md",
+    "docs/add_an_agent.md",
+    "docs/train_with_your_library.md",
+    "docs/write_a_scenario.md",
+    "docs/several_robots.md",
+    "docs/pedestrians_as_agents.md",
+    "docs/reproduce_the_tables.md",
+]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -27,23 +37,21 @@ def run(command, folder):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_works_from_top_to_bottom(page, tmp_path):
-    """Python that begins with a file's name is saved under it, other Python is run.
+    """Code that begins with a file's name is saved under it, all other code is run.
 
-    Of the shell lines those that call ``crowdbench`` are run; installing is tested elsewhere.
+    Only blocks that install are left out: that is tested elsewhere.
     """
     ran = 0
     for language, code in FENCE.findall((ROOT / page).read_text()):
-        name = re.match(r"# (\w+\.py)\n", code)
-        if language == "python" and name:
+        name = re.match(r"# (\w+\.(?:py|yaml))\n", code)
+        if name:
             (tmp_path / name[1]).write_text(code)
         elif language == "python":
             run([sys.executable, "-c", code], tmp_path)
             ran += 1
-        elif language == "bash":
-            lines = [line for line in code.splitlines() if line.startswith("crowdbench ")]
-            for line in lines:
-                run(shlex.split(line, comments=True), tmp_path)
-            ran += len(lines)
+        elif language == "bash" and "pip install" not in code:
+            run(["bash", "-e", "-c", code], tmp_path)
+            ran += 1
     assert ran > 0
 
 
@@ -63,3 +71,17 @@ def test_the_readme_lists_every_agent():
     agents = sorted(project["entry-points"]["crowdbench.agents"])
     rows = re.findall(r"^\| `(\w+)` \|", (ROOT / "README.md").read_text(), re.MULTILINE)
     assert sorted(rows) == agents
+
+
+def test_the_reference_has_every_public_name():
+    listed = re.findall(r":: crowdbench\.(\w+)", (ROOT / "docs/api.rst").read_text())
+    assert sorted(listed) == sorted(crowdbench.__all__)
+
+
+def test_the_reference_has_every_agent():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    classes = {
+        path.replace(":", ".") for path in project["entry-points"]["crowdbench.agents"].values()
+    }
+    listed = re.findall(r"autoclass:: (\S+)", (ROOT / "docs/agents.rst").read_text())
+    assert set(listed) == classes

@@ -1,47 +1,117 @@
-"""CrowdEnv: robots with LiDAR among pedestrians, as a PettingZoo parallel environment.
+"""Robots with LiDAR among pedestrians, as a PettingZoo parallel environment.
 
 Description
-    One or more differential-drive robots each have to reach a goal on the far side of a crowd (or
-    of a corridor) without touching anybody or anything. Pedestrians walk to goals of their own; a
-    share of them sees the robots and evades them. What the crowd is like is a scenario's matter.
+-----------
+One or more differential-drive robots each have to reach a goal on the far side of a crowd, or of a
+corridor, without touching anybody or anything. Pedestrians walk to goals of their own; a share of
+them sees the robots and evades them. What the world is like is a scenario's matter.
+
+The agents are ``robot_0``, ``robot_1``, ... With ``pedestrians.control: agents`` the pedestrians
+are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
 
 Action space
-    Robots: ``Box(2,)``, forward speed v [m/s] and turn rate w [rad/s]. Out-of-range actions are
-    clipped; a non-finite or wrongly shaped one is refused with an error that names the agent.
-    With ``pedestrians.control: agents``, pedestrians are agents too: ``Box(2,)``, desired velocity
-    [m/s] in the world frame; a pedestrian without an action walks by itself.
+------------
+Robots: ``Box(2,)``, held for one control period (``control_period``, 0.2 s). Actions out of range
+are clipped, then limited by ``robots.acceleration`` where the scenario has such limits.
+
+=====  ==============  ====================  ==============================
+index  action          default range         scenario field
+=====  ==============  ====================  ==============================
+0      forward speed   0 to 1 m/s            ``robots.speed``
+1      turn rate       -1.5 to 1.5 rad/s     ``robots.turn_rate``, left > 0
+=====  ==============  ====================  ==============================
+
+Pedestrians: ``Box(2,)``, desired velocity in the world frame, -2 to 2 m/s along x and y. A
+pedestrian without an action walks by itself.
+
+A non-finite or wrongly shaped action is refused with an error that names the agent, and so is a
+missing one of a robot that is still in the scene.
 
 Observation space
-    Robots: ``Dict`` of float32: ``lidar`` (beams,) [m], ``velocity`` (2,) v [m/s] and w [rad/s],
-    ``goal`` (2,) [m] in the robot frame, ``pose`` (3,) odometry since reset [m, m, rad].
-    Pedestrians: ``Dict`` of float32, all relative to the pedestrian in world axes: ``velocity``
-    (2,) [m/s], ``goal`` (2,) [m], ``robots`` (R, 4) and ``pedestrians`` (P - 1, 4): position [m]
-    and velocity [m/s] of the others.
+-----------------
+Robots: ``Dict`` of float32.
+
+============  ==========  ==================================================================
+key           shape       meaning
+============  ==========  ==================================================================
+``lidar``     (beams,)    distance from the robot's centre to the nearest surface along each
+                          beam [m], ``lidar.range`` where nothing is hit; a full circle starts
+                          ahead and goes counter-clockwise
+``velocity``  (2,)        forward speed [m/s] and turn rate [rad/s] as driven
+``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
+``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero
+============  ==========  ==================================================================
+
+Pedestrians: ``Dict`` of float32, in world axes; everything but ``velocity`` is relative to the
+pedestrian. R robots, P pedestrians.
+
+===============  ===========  ==============================================================
+key              shape        meaning
+===============  ===========  ==============================================================
+``velocity``     (2,)         its own velocity [m/s]
+``goal``         (2,)         offset to its current goal [m]
+``robots``       (R, 4)       offset [m] and relative velocity [m/s] of each robot
+``pedestrians``  (P - 1, 4)   the same of every other pedestrian
+===============  ===========  ==============================================================
+
+``state()`` is everything there is, hidden intents included, as a dictionary of arrays in world
+coordinates; ``state_space`` has its keys and shapes. No agent that is to be compared may use it.
 
 Starting state
-    Drawn from the episode seed: robots ``robots.travel`` metres from their goals, obstacles and
-    pedestrians at random without overlaps, everybody already walking.
+--------------
+Drawn from the episode seed. In the open, robots start on a circle of diameter ``robots.travel``
+with their goals opposite; in a corridor, ``robots.travel`` metres from them along it. They stand
+still and face their goals to within 30 degrees. Obstacles and pedestrians lie at random without
+overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and already walking.
 
 Rewards
-    Robots: R = R_goal + R_collision + R_social (paper, section III.B), weights in the scenario.
-    Pedestrian agents: metres gained towards their current goal.
+-------
+Robots: the sum of three terms (paper, section III.B), weights in the scenario's ``reward``; their
+defaults are given here.
+
+- ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
+- ``collision``: -20 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
+  d < 1.25 m from the robot's centre.
+- ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
+  come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.
+
+Pedestrians: metres gained towards their current goal.
 
 Episode end
-    A robot terminates on arrival (within ``robots.goal_tolerance``) or on any contact, and leaves
-    the scene. Everybody still there is truncated at ``time_limit``, pedestrian agents as soon as
-    the last robot is gone.
+-----------
+A robot terminates on arrival (within ``robots.goal_tolerance``, 0.3 m) or on any contact, and
+leaves the scene; who touches something while arriving has collided. At ``time_limit`` everybody
+still there is truncated, pedestrians as soon as the last robot is gone.
 
 Information
-    ``infos[robot]`` after each step: ``outcome`` (``running``, ``success``, ``collision`` or
-    ``timeout``), ``reward_terms`` by name, ``contact`` (a Contact or None). Empty after ``reset``:
-    some libraries take what they find there for numbers.
+-----------
+After ``step``, for robots:
+
+================  ===================================================================
+key               meaning
+================  ===================================================================
+``outcome``       ``running``, ``success``, ``collision`` or ``timeout``
+``reward_terms``  the terms above by name, weighted; they add up to the reward
+``contact``       what was touched and how fast both closed in, or None
+================  ===================================================================
+
+Empty for pedestrians, and after ``reset``: some libraries take what they find there for numbers.
 
 Arguments
-    ``crowdbench.parallel_env(scenario, render_mode=None, **overrides)``: a scenario by name, file
-    or object; ``human`` or ``rgb_array``; scenario fields by name (``pedestrians={"count": 12}``).
+---------
+``crowdbench.parallel_env(scenario="multimodal_fast", render_mode=None, **overrides)``
+
+- ``scenario``: name, path of a YAML file, or a ``Scenario``.
+- ``render_mode``: ``human`` (a window), ``rgb_array`` or None.
+- ``overrides``: scenario fields, nested (``pedestrians={"count": 12}``) or dotted
+  (``**{"pedestrians.count": 12}``).
+
+The same as ``pettingzoo.make("parallel", "crowdbench/crowd-v0", ...)`` once ``crowdbench`` has been
+imported. For one robot, ``gymnasium.make("crowdbench:CrowdNav-v0", ...)`` takes the same arguments.
 
 Version history
-    v0: first release.
+---------------
+- v0: first release.
 """
 
 from __future__ import annotations
@@ -88,7 +158,14 @@ def parallel_env(
 
 
 class CrowdEnv(ParallelEnv):
-    """See the module's docstring."""
+    """Robots among pedestrians; the docstring of ``crowdbench.simulation.env`` describes it.
+
+    Attributes:
+        scenario: the world that is simulated.
+        possible_agents: ``robot_0``, ... and, where they are agents, ``pedestrian_0``, ...
+        agents: those that still take part in the episode.
+        state_space: keys and shapes of ``state()``.
+    """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo's, adapted per instance
         "name": "crowdbench/crowd-v0",
@@ -98,7 +175,11 @@ class CrowdEnv(ParallelEnv):
     }
 
     def __init__(self, scenario: Scenario, render_mode: RenderMode | None = None) -> None:
-        """Prepare the spaces; the world is built by ``reset``."""
+        """Prepare the spaces; the world is built by ``reset``.
+
+        Raises:
+            ValueError: an unknown render mode.
+        """
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode {render_mode!r}: expected None or one of {modes}")
@@ -106,9 +187,8 @@ class CrowdEnv(ParallelEnv):
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(1 / scenario.control_period)}
         self._robots = [f"robot_{r}" for r in range(scenario.robots.count)]
-        self._steered = scenario.pedestrians.control == "agents"
-        walkers = [f"pedestrian_{p}" for p in range(scenario.pedestrians.count)]
-        self._walkers = {name: p for p, name in enumerate(walkers)} if self._steered else {}
+        steered = scenario.pedestrians.count if scenario.pedestrians.control == "agents" else 0
+        self._walkers = {f"pedestrian_{p}": p for p in range(steered)}
         self.possible_agents = [*self._robots, *self._walkers]
         self.agents: list[str] = []
         self.action_spaces, self.observation_spaces = observations.agent_spaces(
@@ -142,10 +222,10 @@ class CrowdEnv(ParallelEnv):
         Args:
             seed: fixes everything that happens except what agents decide; None draws the next
                 one from the last seed given (or from the operating system).
-            options: none are known.
+            options: ignored; there are none.
 
         Returns:
-            observations and (empty) infos by agent.
+            Observations and (empty) infos by agent.
 
         Raises:
             ScenarioError: the scenario has no room.
@@ -163,7 +243,6 @@ class CrowdEnv(ParallelEnv):
         self._scans: dict[str, NDArray[np.float32]] = {}
         self.agents = list(self.possible_agents)
         self._distance = np.linalg.norm(self._world.goals - self._world.pose[:, :2], axis=1)
-        self._remaining = self._walker_distances()
         seen = {name: self._observe(r)[0] for r, name in enumerate(self._robots)}
         seen |= observations.of_walkers(self._world, self._walkers)
         if self.render_mode == "human":
@@ -178,6 +257,9 @@ class CrowdEnv(ParallelEnv):
         Args:
             actions: (2,) per robot still in the scene, optionally per pedestrian agent.
 
+        Returns:
+            Observations, rewards, terminations, truncations and infos, each by agent.
+
         Raises:
             ValueError: a missing, non-finite or wrongly shaped action, or an unknown agent.
             RuntimeError: ``reset`` has not been called.
@@ -189,6 +271,7 @@ class CrowdEnv(ParallelEnv):
         world = self._world
         assert world is not None
         commands, walking = self._read_actions(actions)
+        before = world.pedestrians.position
         world.step(commands, walking)
         self._steps += 1
         late = self._steps >= self._max_steps
@@ -214,13 +297,12 @@ class CrowdEnv(ParallelEnv):
             if ended:
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
-        if self._steered:
-            remaining = self._walker_distances()
-            seen |= observations.of_walkers(world, self._walkers)
-            for name, p in self._walkers.items():
-                rewards[name] = float(self._remaining[p] - remaining[p])
-                terminations[name], truncations[name], infos[name] = False, over, {}
-            self._remaining = remaining
+        seen |= observations.of_walkers(world, self._walkers)
+        for name, p in self._walkers.items():
+            goal, after = world.pedestrians.goal[p], world.pedestrians.position[p]
+            # To the goal it has now: a new one, further away, is no loss.
+            rewards[name] = math.dist(goal, before[p]) - math.dist(goal, after)
+            terminations[name], truncations[name], infos[name] = False, over, {}
         ended_now = {name for name in seen if terminations[name] or truncations[name]}
         self.agents = [name for name in self.agents if name not in ended_now]
         if self.render_mode == "human":
@@ -231,6 +313,9 @@ class CrowdEnv(ParallelEnv):
         """Everything about the world, as copies; keys and shapes as in ``state_space``.
 
         Hidden intents are included: for privileged agents, replay and tests.
+
+        Raises:
+            RuntimeError: ``reset`` has not been called.
         """
         if self._world is None:
             raise RuntimeError("call reset() before state()")
@@ -339,12 +424,6 @@ class CrowdEnv(ParallelEnv):
         }
         self._distance[r] = distance
         return terms, "collision" if collided else "success" if arrived else "running"
-
-    def _walker_distances(self) -> NDArray[np.float64]:
-        people = self._world.pedestrians if self._world else None
-        if not self._steered or people is None:
-            return np.empty(0)
-        return np.linalg.norm(people.goal - people.position, axis=1)
 
 
 def _checked(name: str, action: Any) -> NDArray[np.float64]:

@@ -236,6 +236,22 @@ def test_steered_pedestrians_obey_and_the_others_walk_by_themselves():
         env.step({"robot_0": (0, 0), "pedestrian_1": (np.nan, 0)})
 
 
+def test_a_steered_pedestrian_is_rewarded_for_its_way_and_not_fined_for_a_new_goal():
+    steered = SMALL.override({"pedestrians.control": "agents", "time_limit": 20})
+    env = CrowdEnv(steered)
+    env.reset(seed=1)
+    new_goals = 0
+    while env.agents:
+        before = env.state()
+        _, rewards, *_ = env.step(dict.fromkeys([a for a in env.agents if "robot" in a], (0, 0)))
+        after = env.state()
+        new_goals += np.any(after["pedestrian_goal"] != before["pedestrian_goal"], axis=1).sum()
+        for p in range(6):
+            walked = after["pedestrian_position"][p] - before["pedestrian_position"][p]
+            assert abs(rewards[f"pedestrian_{p}"]) <= np.linalg.norm(walked) + 1e-9
+    assert new_goals > 3
+
+
 def test_the_aec_view_plays_the_same_episode():
     env, aec = CrowdEnv(SMALL), parallel_to_aec(CrowdEnv(SMALL))
     env.reset(seed=1), aec.reset(seed=1)
