@@ -114,9 +114,11 @@ def wall_with_gap(width):
     return [(2.0, -20.0, 2.0, -width / 2), (2.0, width / 2, 2.0, 20.0)]
 
 
-def test_a_gap_wider_than_the_robot_is_passed():
+@pytest.mark.parametrize("width", [0.5, 0.8])
+def test_a_gap_wider_than_the_robot_is_passed(width):
+    """The footprint is 0.3 m wide, and 0.1 m is wanted on either side."""
     spec = robot()
-    poses, clearance = drive(agent_for(spec), spec, 75, (5.0, 0.0), walls=wall_with_gap(0.8))
+    poses, clearance = drive(agent_for(spec), spec, 75, (5.0, 0.0), walls=wall_with_gap(width))
     assert arrived(poses, (5.0, 0.0), spec)
     assert clearance > 0.02
 
