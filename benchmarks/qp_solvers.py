@@ -4,7 +4,8 @@ Run ``python benchmarks/qp_solvers.py``. Every solver gets the same problems in 
 they arose, in the form that suits it: daqp with soft constraints or with explicit slacks, the
 others with slacks; warm-started where that helps, at tolerances that give the same optimum. Solvers
 that are not installed are left out (``pip install piqp osqp proxsuite``). Also prints what one
-control step of the whole planner takes: 2 alternations, T = 10, 100 points.
+control step of the whole planner takes: 2 alternations, T = 10, 100 points. Times are processor
+time, which a busy machine changes less; OMP_NUM_THREADS=1 keeps it to one core.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Solver = Callable[[Problem], np.ndarray]
 
 
 def record(scenario: str, steps: int) -> tuple[list[Problem], list[float]]:
-    """Problems of some control steps, and the seconds that each step took undisturbed."""
+    """Problems of some control steps, and the processor time [s] of each step undisturbed."""
     env, problems, seconds = crowdbench.parallel_env(scenario), [], []
     for recording in (False, True):
         seed, agent, done = FIRST_SEED, Neupan(), 0
@@ -42,10 +43,10 @@ def record(scenario: str, steps: int) -> tuple[list[Problem], list[float]]:
             if recording:
                 keep_problems(agent, problems)
             while env.agents and done < steps:
-                begin = time.perf_counter()
+                begin = time.process_time()
                 action = agent.act(crowdbench.Observation(**observations["robot_0"]))
                 if not recording and done > 0:
-                    seconds.append(time.perf_counter() - begin)
+                    seconds.append(time.process_time() - begin)
                 observations, *_ = env.step({"robot_0": action})
                 done += 1
             seed += 1
@@ -218,9 +219,9 @@ def main() -> None:
                 continue
             times, costs = [], []
             for problem in problems:
-                begin = time.perf_counter()
+                begin = time.process_time()
                 z = solve(problem)
-                times.append(1e3 * (time.perf_counter() - begin))
+                times.append(1e3 * (time.process_time() - begin))
                 costs.append(problem.cost(np.clip(z, problem.low, problem.high)))
             best = np.array(costs) if best is None else best
             excess = (np.array(costs) - best) / np.maximum(1.0, np.abs(best))

@@ -2,8 +2,9 @@
 
 Points of the scan, predicted with their estimated velocities, go through the distance encoder
 (dune.py) into a convex planner (nrmp.py); pan.py alternates the two. The path to follow is the
-straight line to the goal, drawn anew from the robot at every step. A robot that has been standing
-still for a while turns towards the freest direction, which the original lacks.
+straight line to the goal, drawn anew from the robot at every step, at a speed that leaves it the
+time to turn. A robot that has been standing still for a while turns towards the freest direction,
+which the original lacks.
 """
 
 from __future__ import annotations
@@ -55,8 +56,7 @@ class Settings:
     rho: float
     d_min: float
     d_max: float
-    margin: float
-    margin_growth: float
+    moving_scale: float
     freeze_time: float
     freeze_distance: float
     recovery_time: float
@@ -80,6 +80,8 @@ class Settings:
                      "eta", "freeze_distance", "recovery_time"):  # fmt: skip
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} {getattr(self, name)!r}: expected at least 0")
+        if not 0 < self.moving_scale <= 1:
+            raise ValueError(f"moving_scale {self.moving_scale!r}: expected more than 0, up to 1")
         if not 0 <= self.d_min <= self.d_max:
             raise ValueError(
                 f"d_min {self.d_min}, d_max {self.d_max}: expected 0 <= d_min <= d_max"
@@ -129,6 +131,8 @@ class Neupan(crowdbench.Agent):
         }
         given = {key: value for key, value in options.items() if value is not None}
         self._settings = replace(settings, **given)
+        # Named before the first episode: stored episodes are told apart by it.
+        self.weights_sha256 = None if self._settings.exact else self._settings.weights_sha256
         self._dune: Dune | None = None
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
@@ -156,6 +160,7 @@ class Neupan(crowdbench.Agent):
             s.iterations,
             s.tolerance,
             s.line_search,
+            s.moving_scale,
         )
         self._limits = limits
         self._tracker = Tracker(robot.lidar_angles, robot.lidar_range, robot.control_period)
@@ -176,12 +181,13 @@ class Neupan(crowdbench.Agent):
         bearing, length = self._path(observation, points)
         speed = min(s.reference_speed, self._limits.high[0])
         period = self._robot.control_period
-        along = np.minimum(speed * period * np.arange(s.horizon + 1), length)
+        # Turn first, then drive: a reference that runs ahead of the turn would call for an arc.
+        wanted = self._drive(bearing, speed)[:, 0]
+        along = np.minimum(np.cumsum(np.append(0.0, wanted)) * period, length)
         direction = np.array([np.cos(bearing), np.sin(bearing)])
         scene = Scene(
             points[nearest],
             moving[nearest],
-            np.array([s.margin, s.margin_growth]),
             np.column_stack([along[1:, None] * direction, np.full(s.horizon, bearing)]),
             np.diff(along) / period,
             velocity,

@@ -37,8 +37,6 @@ class Scene:
     Attributes:
         points: (N, 2) [m].
         point_velocity: (N, 2) [m/s].
-        margin: (2,) how much nearer than they seem moving points are taken to be: now [m], and
-            more for every second ahead [m/s].
         reference: (T, 3) states wanted at steps 1..T [m, m, rad].
         v_ref: (T,) speeds wanted [m/s].
         velocity: (2,) current v [m/s], w [rad/s].
@@ -46,7 +44,6 @@ class Scene:
 
     points: Array
     point_velocity: Array
-    margin: Array
     reference: Array
     v_ref: Array
     velocity: Array
@@ -60,7 +57,8 @@ class Plan:
         controls: (T, 2) v [m/s], w [rad/s].
         states: (T + 1, 3) nominal states, the first at the origin.
         slopes: (T, M, 3) derivatives of the distances with respect to the states.
-        distances: (T, M) from the footprint to the nearest points, negative inside [m].
+        distances: (T, M) from the footprint to the nearest points, negative inside [m]; those to
+            moving points scaled.
         cost: true cost.
     """
 
@@ -86,11 +84,12 @@ class Pan:
         iterations: int,
         tolerance: float,
         line_search: bool,
+        moving_scale: float,
     ) -> None:
         """Build the QP once; see config.yaml for the settings."""
         self._footprint, self._encoder = footprint, encoder
         self._period, self._weights = period, weights
-        self._points = step_points
+        self._points, self._moving_scale = step_points, moving_scale
         self._iterations, self._tolerance = iterations, tolerance
         self._lengths = STEP_LENGTHS if line_search else STEP_LENGTHS[:1]
         self._nrmp = Nrmp(horizon, step_points, period, limits, weights)
@@ -142,7 +141,7 @@ class Pan:
             self._footprint.h,
             self._points,
             scene.point_velocity,
-            scene.margin[0] + scene.margin[1] * self._period * np.arange(1, len(states)),
+            self._moving_scale,
         )
         cost = _true_cost(
             controls,
@@ -184,32 +183,36 @@ def _nearest(
     h: Array,
     count: int,
     velocity: Array,
-    margin: Array,
+    moving_scale: float,
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """(T, M, 3) slopes and (T, M) distances of the ``count`` nearest points of each step.
 
     With n = G' mu and q = R(heading)' (p - x): d = n' q - mu' h, so d changes by -R n per metre
-    of the robot and by n_x q_y - n_y q_x per radian.
+    of the robot and by n_x q_y - n_y q_x per radian. Where a moving point will be is less certain
+    than where a wall is: its distance counts ``moving_scale`` times, so that the range d_min to
+    d_max, in which the robot keeps away, is longer for it by the inverse.
     """
     T = len(states) - 1
     N, E = len(local) // T, len(h)
     slopes, distances = np.zeros((T, count, 3)), np.full((T, count), FAR)
-    d = np.empty(N)
+    d, scale = np.empty(N), np.ones(N)
+    for i in range(N):
+        if velocity[i, 0] != 0.0 or velocity[i, 1] != 0.0:
+            scale[i] = moving_scale
     for t in range(T):
         for i in range(N):
-            moving = velocity[i, 0] != 0.0 or velocity[i, 1] != 0.0
-            d[i] = -margin[t] if moving else 0.0
+            d[i] = 0.0
             for e in range(E):
                 g = G[e, 0] * local[t * N + i, 0] + G[e, 1] * local[t * N + i, 1]
-                d[i] += mu[t * N + i, e] * (g - h[e])
+                d[i] += scale[i] * mu[t * N + i, e] * (g - h[e])
         order = np.argsort(d)[:count]
         c, s = np.cos(states[t + 1, 2]), np.sin(states[t + 1, 2])
         for m in range(len(order)):
-            k = t * N + order[m]
+            k, weight = t * N + order[m], scale[order[m]]
             nx, ny = 0.0, 0.0
             for e in range(E):
-                nx += mu[k, e] * G[e, 0]
-                ny += mu[k, e] * G[e, 1]
+                nx += weight * mu[k, e] * G[e, 0]
+                ny += weight * mu[k, e] * G[e, 1]
             distances[t, m] = d[order[m]]
             slopes[t, m, 0] = -(c * nx - s * ny)
             slopes[t, m, 1] = -(s * nx + c * ny)

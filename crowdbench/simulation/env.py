@@ -70,7 +70,7 @@ Robots: the sum of three terms (paper, section III.B), weights in the scenario's
 defaults are given here.
 
 - ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
-- ``collision``: -20 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
+- ``collision``: -60 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
   d < 1.25 m from the robot's centre.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
   come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.

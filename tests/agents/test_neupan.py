@@ -9,6 +9,7 @@ from crowdbench_agents.neupan.dune import WeightsError
 from crowdbench_agents.neupan.nrmp import Nrmp, rollout
 
 import crowdbench
+from crowdbench.evaluation.rollout import run_episode
 from crowdbench.simulation.lidar import beam_table, cast_rays
 
 NOBODY = np.empty((0, 2))
@@ -87,6 +88,18 @@ def test_goals_behind_beside_and_close_are_reached(goal):
     assert arrived(poses, goal, spec)
 
 
+@pytest.mark.parametrize("bearing", [1.2, 2.0, -3.0])
+def test_it_turns_on_the_spot_rather_than_drive_an_arc(bearing):
+    spec = robot()
+    goal = 4.0 * np.array([np.cos(bearing), np.sin(bearing)])
+    poses, _ = drive(agent_for(spec), spec, 60, goal)
+    assert arrived(poses, goal, spec)
+    driven = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum()
+    assert driven < 1.03 * (4.0 - spec.goal_tolerance) + 0.2
+    # From the turn alone at 1.5 rad/s, then the way at 1 m/s.
+    assert spec.control_period * len(poses) < abs(bearing) / 1.5 + 4.0 + 1.0
+
+
 @pytest.mark.parametrize("exact", [False, True])
 def test_a_wall_ahead_is_never_touched(exact):
     spec = robot()
@@ -101,9 +114,11 @@ def wall_with_gap(width):
     return [(2.0, -20.0, 2.0, -width / 2), (2.0, width / 2, 2.0, 20.0)]
 
 
-def test_a_gap_wider_than_the_robot_is_passed():
+@pytest.mark.parametrize("width", [0.5, 0.8])
+def test_a_gap_wider_than_the_robot_is_passed(width):
+    """The footprint is 0.3 m wide, and 0.1 m is wanted on either side."""
     spec = robot()
-    poses, clearance = drive(agent_for(spec), spec, 75, (5.0, 0.0), walls=wall_with_gap(0.8))
+    poses, clearance = drive(agent_for(spec), spec, 75, (5.0, 0.0), walls=wall_with_gap(width))
     assert arrived(poses, (5.0, 0.0), spec)
     assert clearance > 0.02
 
@@ -199,6 +214,16 @@ def test_failed_solves_brake_and_are_counted(monkeypatch):
     assert not any(agent.diagnostics().values())
 
 
+def test_an_episode_without_any_solution_ends_at_the_time_limit_and_its_log_says_why(monkeypatch):
+    env = crowdbench.parallel_env("unimodal_slow", time_limit=2.0, pedestrians={"count": 0})
+    agent = crowdbench.AgentSpec.parse("neupan").make()
+    monkeypatch.setattr(Nrmp, "solve", lambda self: None)
+    (episode,) = run_episode(env, [agent], seed=900_000)
+    assert episode.outcome == "timeout"
+    assert episode.error is None
+    assert episode.diagnostics["brakings"] == episode.steps == 10
+
+
 def test_acceleration_limits_hold_from_the_first_action_on():
     spec = robot(robots={"acceleration": [0.5, 1.0]})
     agent, velocity = agent_for(spec), np.zeros(2)
@@ -247,7 +272,10 @@ def test_a_footprint_without_network_uses_the_closed_form_and_says_so():
 
 
 def test_results_can_say_which_weights_drove():
+    """Before the first episode already: stored episodes are looked for by it."""
     spec = robot()
+    assert Neupan().weights_sha256 == load_settings().weights_sha256
+    assert Neupan(exact=True).weights_sha256 is None
     assert agent_for(spec).weights_sha256 == load_settings().weights_sha256
     assert agent_for(spec, exact=True).weights_sha256 is None
 
@@ -272,6 +300,8 @@ def test_weights_other_than_the_expected_ones_are_refused(tmp_path):
         ({"d_min": 0.7}, "d_min 0.7"),
         ({"eta": -1.0}, "eta -1.0"),
         ({"rho": 0.0}, r"rho 0\.0"),
+        ({"moving_scale": 0.0}, r"moving_scale 0\.0"),
+        ({"moving_scale": 1.5}, r"moving_scale 1\.5"),
         ({"colour": "red"}, "unknown settings: colour"),
     ],
 )
