@@ -45,7 +45,12 @@ def html_from_markdown(text: str) -> str:
     """
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.add_render_rule("image", _without_picture)
-    return str(parser.render(text))
+    tokens = parser.parse(text)
+    for token in tokens:
+        # Alignment as a class: the page allows no styles that are written into elements.
+        if token.attrs.pop("style", None) == "text-align:right":
+            token.attrs["class"] = "number"
+    return str(parser.renderer.render(tokens, parser.options, {}))
 
 
 def _without_picture(renderer, tokens, index, options, env) -> str:  # type: ignore[no-untyped-def]

@@ -32,6 +32,7 @@ def metric_documents() -> list[dict[str, Any]]:
         documents.append(
             {
                 "name": name,
+                "label": name.removesuffix("_s").replace("_", " "),
                 "unit": unit,
                 "scale": scale,
                 "better": metric.better,

@@ -17,6 +17,17 @@ window.crowdbench = {};
     return element;
   };
 
+  // A picture on a button, 16 x 16; fonts do not have these signs everywhere.
+  crowdbench.icon = function (path) {
+    const [svg, shape] = ["svg", "path"].map((tag) =>
+      document.createElementNS("http://www.w3.org/2000/svg", tag));
+    svg.setAttribute("viewBox", "0 0 16 16");
+    svg.setAttribute("aria-hidden", "true");
+    shape.setAttribute("d", path);
+    svg.append(shape);
+    return svg;
+  };
+
   // The address of a view, e.g. link("replay", {seed: 3}) is "#/replay?seed=3".
   crowdbench.link = function (view, parameters) {
     const given = Object.entries(parameters || {}).filter(([, value]) => value != null);

@@ -35,10 +35,10 @@
     page.append(element("h1", {}, name),
       agent.summary ? element("p", { class: "lead" }, agent.summary) : "",
       results(cells), facts(cells),
-      element("h2", {}, "Replays"), ...cells.map(replays),
       element("h2", {}, "Model card"),
       agent.card ? prepared(agent.card, "card")
-        : element("p", { class: "note" }, "This agent's package has no README.md."));
+        : element("p", { class: "note" }, "This agent's package has no README.md."),
+      element("h2", {}, "Replays"), ...cells.map(replays));
   };
 
   function results(cells) {

@@ -14,9 +14,8 @@
   };
 
   crowdbench.metricHead = (metric) => [
-    metric.name.replaceAll("_", " "),
-    element("span", { class: "unit" },
-      (metric.better === "higher" ? " ↑" : " ↓") + (metric.unit ? " " + metric.unit : "")),
+    element("span", { class: "label" }, `${metric.label} ${metric.better === "higher" ? "↑" : "↓"}`),
+    element("span", { class: "unit" }, metric.unit),
   ];
 
   crowdbench.shownMetrics = () =>
@@ -57,10 +56,10 @@
         "aria-label": "Leaderboard of " + scenario.label },
       element("table", {},
         element("thead", {}, element("tr", {},
-          head("agent", "agent", "Name and options", redraw),
+          head("agent", element("span", { class: "label" }, "agent"), "Name and options", redraw),
           metrics.map((metric) =>
             head(metric.name, crowdbench.metricHead(metric), metric.definition, redraw)),
-          head("episodes", "episodes", "How many are stored", redraw),
+          head("episodes", element("span", { class: "label" }, "episodes"), "How many are stored", redraw),
           element("th", { scope: "col" }, "replay"))),
         element("tbody", {}, rows.map((cell) => element("tr", {},
           element("th", { scope: "row" },

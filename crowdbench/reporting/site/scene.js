@@ -96,7 +96,7 @@
     goalOf(person) {
       const [x, y] = person.goal;
       const colour = this.colourOf(person);
-      this.context.globalAlpha = 0.55;
+      this.context.globalAlpha = 0.7;
       this.line([person.position, person.goal], 0.02, colour, [0.06, 0.24]);
       this.line([[x - 0.1, y - 0.1], [x + 0.1, y + 0.1]], 0.035, colour);
       this.line([[x - 0.1, y + 0.1], [x + 0.1, y - 0.1]], 0.035, colour);
@@ -112,7 +112,7 @@
           const index = 2 * (state * episode.people + p);
           path.push([episode.position[index], episode.position[index + 1]]);
         }
-        context.globalAlpha = 0.35;
+        context.globalAlpha = 0.45;
         this.line([...path, person.position], 0.05, this.colourOf(person));
       });
       const driven = [];

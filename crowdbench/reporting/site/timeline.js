@@ -38,7 +38,9 @@
       const mark = element("button", { type: "button", class: "mark mark-" + event.kind,
         title: told, "aria-label": told, "data-time": at, click: () => go(at) }, sign);
       place(mark, at / span, "left");
-      if (event.kind === "ttc") place(mark, (event.last - event.first + 1) * episode.period / span, "width");
+      if (event.kind === "ttc") {
+        place(mark, ((event.last - event.first) * episode.period) / span, "width");
+      }
       track.append(mark);
     }
     return track;

@@ -1,8 +1,13 @@
 "use strict";
 // The replay viewer: choosing an episode, playing it, and the address that says where one is.
 (function (crowdbench) {
-  const { element, link, seconds, outcome } = crowdbench;
+  const { element, icon, link, seconds, outcome } = crowdbench;
   const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
+  const ICONS = {
+    first: "M3 3h2v10H3zM13 3v10L6 8z", back: "M10 3h2v10h-2zM9 3v10L2 8z",
+    play: "M4 2.5v11l9-5.5z", pause: "M4 3h3v10H4zM9 3h3v10H9z",
+    on: "M4 3h2v10H4zM7 3v10l7-5z",
+  };
   const LAYERS = [
     ["lidar", "LiDAR", true], ["trails", "Trails", true],
     ["goals", "Goals", true], ["intents", "Hidden intents", false],
@@ -89,9 +94,9 @@
     }
 
     build(page) {
-      const button = (sign, label, press) => element("button",
-        { type: "button", title: label, "aria-label": label, click: press }, sign);
-      this.button = button("▶", "Play", () => this.toggle());
+      const button = (name, label, press) => element("button",
+        { type: "button", title: label, "aria-label": label, click: press }, icon(ICONS[name]));
+      this.button = button("play", "Play", () => this.toggle());
       this.button.id = "play";
       this.scrubber = element("input", { id: "scrub", type: "range", min: 0, max: 0, value: 0,
         "aria-label": "Time", input: () => {
@@ -115,15 +120,16 @@
         return element("label", {}, input, " ", text);
       });
       page.append(this.selectors(), this.panels,
-        element("div", { class: "controls" },
-          button("⏮", "To the beginning", () => this.jump(0)),
-          button("◀", "A step back", () => this.step(-1)), this.button,
-          button("▸|", "A step on", () => this.step(1)), rate, this.clock),
-        element("div", { class: "timeline" }, this.tracks, this.scrubber),
+        element("div", { class: "transport" }, element("div", { class: "controls" },
+          button("first", "To the beginning", () => this.jump(0)),
+          button("back", "A step back", () => this.step(-1)), this.button,
+          button("on", "A step on", () => this.step(1)), rate, this.clock),
+        element("div", { class: "timeline" }, this.tracks, this.scrubber)),
         element("div", { class: "layers" }, layers),
         element("p", { class: "note" }, this.permanent,
           " · Space plays, arrow keys step. Discs see the robot, rings do not. ",
-          "LiDAR is cast from the positions, without noise."),
+          "LiDAR is cast from the positions, without noise. On the time line: ▲ cut-off, bar: time ",
+          "to collision below 1 s, ✕ collision, ★ arrival, ◆ hidden switch."),
         this.lists);
     }
 
@@ -187,6 +193,8 @@
         return scene;
       });
       this.panels.classList.toggle("two", episodes.length > 1);
+      const [wide, high] = this.scenes[0].half;
+      this.panels.style.setProperty("--aspect", wide / high);
       this.tracks.replaceChildren(...episodes.map((episode) =>
         crowdbench.track(episode.agent, episode, this.length, go)));
       this.lists.replaceChildren(...episodes.map((episode) =>
@@ -255,18 +263,18 @@
         else this.playing = requestAnimationFrame(advance);
       };
       this.playing = requestAnimationFrame(advance);
-      this.label("⏸", "Pause");
+      this.label("pause", "Pause");
     }
 
     pause(remember = true) {
       if (this.playing !== null) cancelAnimationFrame(this.playing);
       this.playing = null;
-      this.label("▶", "Play");
+      this.label("play", "Play");
       if (remember) this.remember();
     }
 
-    label(sign, text) {
-      this.button.textContent = sign;
+    label(name, text) {
+      this.button.replaceChildren(icon(ICONS[name]));
       this.button.title = text;
       this.button.setAttribute("aria-label", text);
     }
