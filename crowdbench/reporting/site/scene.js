@@ -12,7 +12,8 @@
   function colours() {
     const style = getComputedStyle(document.documentElement);
     const read = (name) => style.getPropertyValue(name).trim();
-    return { floor: read("--floor"), grid: read("--grid"), ink: read("--ink"), solid: read("--solid") };
+    const names = ["floor", "grid", "ink", "solid", "path"];
+    return Object.fromEntries(names.map((name) => [name, read("--" + name)]));
   }
 
   // Half the length and width of what is shown [m]; without a definition, of what moves.
@@ -93,9 +94,14 @@
       return person.sees === false ? VERMILION : BLUE;
     }
 
+    // Fainter things of people: lighter than the people themselves where the floor is dark.
+    pathColourOf(person) {
+      return person.sees === false ? VERMILION : this.theme.path;
+    }
+
     goalOf(person) {
       const [x, y] = person.goal;
-      const colour = this.colourOf(person);
+      const colour = this.pathColourOf(person);
       this.context.globalAlpha = 0.7;
       this.line([person.position, person.goal], 0.02, colour, [0.06, 0.24]);
       this.line([[x - 0.1, y - 0.1], [x + 0.1, y + 0.1]], 0.035, colour);
@@ -113,7 +119,7 @@
           path.push([episode.position[index], episode.position[index + 1]]);
         }
         context.globalAlpha = 0.45;
-        this.line([...path, person.position], 0.05, this.colourOf(person));
+        this.line([...path, person.position], 0.05, this.pathColourOf(person));
       });
       const driven = [];
       for (let state = 0; state <= frame.state; state++) {
