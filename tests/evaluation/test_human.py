@@ -99,7 +99,7 @@ def test_without_a_display_it_says_so(monkeypatch):
 
 def test_with_a_display_that_does_not_answer_it_says_so(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "no_such_driver")
-    with pytest.raises(human.NoDisplayError, match="needs a display: .*no_such_driver"):
+    with pytest.raises(human.NoDisplayError, match=r"needs a display: .*no_such_driver"):
         human.drive(SCENARIO, seed=900000)
 
 

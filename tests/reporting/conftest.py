@@ -115,6 +115,11 @@ class Whole:
         return episode
 
 
+@pytest.fixture(scope="session")
+def make_whole():
+    return Whole
+
+
 @pytest.fixture
 def whole(tmp_path):
     return Whole(tmp_path / "results")

@@ -9,6 +9,7 @@ import json
 import numpy as np
 import pytest
 
+from crowdbench.evaluation.trajectories import read_episode
 from crowdbench.reporting import replay
 from crowdbench.reporting.replay import (
     encode,
@@ -17,7 +18,6 @@ from crowdbench.reporting.replay import (
     script_json,
     write_replays,
 )
-from crowdbench.evaluation.trajectories import read_episode
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.env import CrowdEnv
 
