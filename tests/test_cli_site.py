@@ -32,7 +32,7 @@ def place(tmp_path_factory):
     common = ["run", "-s", f"{folder}/tiny.yaml", "--results", f"{folder}/results", "-j", "1"]
     common += ["--seed", "900000", "-n", "2"]
     with contextlib.redirect_stdout(io.StringIO()):
-        whole = ["-a", "straight_line", "-a", "orca:horizon=2", "--save-trajectories"]
+        whole = ["-a", "straight_line", "-a", "orca:margin=0.1", "--save-trajectories"]
         assert main([*common, *whole]) == 0
         assert main([*common, "-a", "dynamic_window"]) == 0
     return folder
@@ -78,13 +78,13 @@ def test_replay_opens_the_episode_beside_the_other_agents(place, opened, capsys,
     label = load_results(f"{place}/results")["scenario"][0]
     arguments = ["--results", f"{place}/results", "--output", f"{tmp_path}/page"]
     for scenario in (label, f"{place}/tiny.yaml"):
-        assert main(["replay", f"{scenario}:orca:horizon=2:900001", *arguments]) == 0
+        assert main(["replay", f"{scenario}:orca:margin=0.1:900001", *arguments]) == 0
         assert capsys.readouterr().out == f"{opened[-1]}\n"
         page, _, link = opened[-1].partition("#")
         assert page == (tmp_path / "page" / "index.html").as_uri()
-        assert "agent=orca:horizon=2" in unquote_plus(link) and "seed=900001" in link
+        assert "agent=orca:margin=0.1" in unquote_plus(link) and "seed=900001" in link
         document = index(tmp_path / "page" / "index.html")
-        assert [cell["agent"] for cell in document["cells"]] == ["orca:horizon=2", "straight_line"]
+        assert [cell["agent"] for cell in document["cells"]] == ["orca:margin=0.1", "straight_line"]
         seeds = {replay["seed"] for cell in document["cells"] for replay in cell["replays"]}
         assert seeds == {900001}
         assert document["start"] == f"#{link}"

@@ -456,19 +456,21 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
         )
         whole.run(short, "straight_line", 900000, name=text)
     site = write_report_page(whole.folder, tmp_path / "site").page.as_uri()
-    expected = {" ".join(text.split()) for text in HOSTILE}
     page.goto(site)
-    shown = page.locator("tbody th").all_inner_texts() + page.locator("h2").all_inner_texts()
-    assert expected <= {" ".join(text.split()).removesuffix(" unknown") for text in shown}
+    shown = page.locator("tbody th").all_text_contents()
+    headings = page.locator("h2").all_text_contents()
+    assert set(HOSTILE) <= set(shown)
+    assert {f"{text}@{short.digest} unknown" for text in HOSTILE} <= set(headings)
     for text in HOSTILE:
         page.goto(f"{site}#/agent?{urllib.parse.urlencode({'name': text})}")
         until(page, "text => document.querySelector('h1').textContent === text", text)
         page.locator("details", has_text="Errors").locator("summary").first.click()
         page.goto(site + replay_link(label(short), text, 900000))
         until(page, "text => crowdbench.viewer?.positions()[0]?.agent === text", text)
-        page.goto(site + replay_link(text, "straight_line", 900000))
+        unknown = f"{text}@{short.digest}"
+        page.goto(site + replay_link(unknown, "straight_line", 900000))
         drawn(page)
-        assert page.locator("#choose-scenario").input_value() == text
+        assert page.locator("#choose-scenario").input_value() == unknown
     assert page.evaluate("window.hacked === undefined && ({}).hacked === undefined")
     assert page.locator("main img, main script, [onmouseover]").count() == 0
 
