@@ -17,6 +17,10 @@ window.crowdbench = {};
     return element;
   };
 
+  // A name that may be broken where its parts meet.
+  crowdbench.name = (text) =>
+    text.split(/(?<=[_:,@])/).flatMap((part, i) => (i ? [document.createElement("wbr"), part] : part));
+
   // A picture on a button, 16 x 16; fonts do not have these signs everywhere.
   crowdbench.icon = function (path) {
     const [svg, shape] = ["svg", "path"].map((tag) =>
@@ -51,6 +55,8 @@ window.crowdbench = {};
     return size >= 0.01 ? value.toFixed(3) : value.toPrecision(2);
   };
 
+  // Two decimals, without a sign in front of zero.
+  crowdbench.fixed = (value) => value.toFixed(2).replace(/^-(0\.00)$/, "$1");
   crowdbench.seconds = (value) => value.toFixed(1) + " s";
 
   crowdbench.OUTCOMES = {

@@ -49,9 +49,9 @@
           { scope: "col", class: "number", title: metric.definition }, crowdbench.metricHead(metric))),
         element("th", { scope: "col" }, "ended by"))),
       element("tbody", {}, cells.map((cell) => element("tr", {},
-        element("th", { scope: "row" }, cell.scenario),
+        element("th", { scope: "row" }, crowdbench.name(cell.scenario)),
         metrics.map((metric) => crowdbench.cellValue(cell, metric)),
-        element("td", {}, cell.outcomes.map(([end, count]) =>
+        element("td", { class: "ends" }, cell.outcomes.map(([end, count]) =>
           `${count} ${outcome(end).label}`).join(", ")))))));
   }
 

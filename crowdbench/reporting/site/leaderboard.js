@@ -63,7 +63,8 @@
           element("th", { scope: "col" }, "replay"))),
         element("tbody", {}, rows.map((cell) => element("tr", {},
           element("th", { scope: "row" },
-            element("a", { href: link("agent", { name: cell.agent }) }, cell.agent)),
+            element("a", { href: link("agent", { name: cell.agent }) },
+              crowdbench.name(cell.agent))),
           metrics.map((metric) => crowdbench.cellValue(cell, metric)),
           element("td", { class: "number" }, String(cell.episodes)),
           element("td", {}, watch(cell))))))));

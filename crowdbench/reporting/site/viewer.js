@@ -1,7 +1,7 @@
 "use strict";
 // The replay viewer: choosing an episode, playing it, and the address that says where one is.
 (function (crowdbench) {
-  const { element, icon, link, seconds, outcome } = crowdbench;
+  const { element, fixed, icon, link, seconds, outcome } = crowdbench;
   const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
   const ICONS = {
     first: "M3 3h2v10H3zM13 3v10L6 8z", back: "M10 3h2v10h-2zM9 3v10L2 8z",
@@ -214,7 +214,7 @@
       for (const scene of this.scenes) {
         scene.draw(this.time, shown);
         const [v, w] = scene.frame.action;
-        scene.status.textContent = `v ${v.toFixed(2)} m/s, w ${w.toFixed(2)} rad/s`;
+        scene.status.textContent = `v ${fixed(v)} m/s, w ${fixed(w)} rad/s`;
       }
     }
 
