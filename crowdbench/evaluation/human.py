@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -158,18 +159,20 @@ def drive(scenario: Scenario, seed: int) -> Episode:
     title = f"crowdbench: {scenario.name}, seed {seed}: arrow keys drive, shift slows, Esc ends"
     window = Window(title, driver)
     env = CrowdEnv(scenario, render_mode="rgb_array")
-    begun = False
+    due: float | None = None
 
     def on_step(env: CrowdEnv) -> None:
-        nonlocal begun
+        nonlocal due
         picture = env.render()
         assert picture is not None
         window.show(picture)
-        if begun:
-            window.wait(scenario.control_period)
-        else:
+        if due is None:
             window.wait_for_a_key()
-        begun = True
+            due = time.monotonic()
+        else:
+            # What drawing takes is part of the period; a machine that is late does not hurry.
+            due = max(due + scenario.control_period, time.monotonic())
+            window.wait(due - time.monotonic())
 
     try:
         (episode,) = run_episode(env, [driver], seed, label=HUMAN, on_step=on_step)
