@@ -12,14 +12,13 @@ import pandas as pd
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, slug
 from crowdbench.evaluation.statistics import Estimate, wilson_interval
+from crowdbench.reporting.plan import TABLES
 from crowdbench.reporting.replay import find_scenario
 from crowdbench.reporting.resampling import bootstrap_mean
 from crowdbench.scenario import Scenario, scenario_names
 
-MAIN_METRICS = (
-    "success", "spl", "smoothness", "inference_s", "cutoff", "min_dist", "ttc_below_1s",
-)  # fmt: skip
-"""The paper's, which are shown unless all are asked for."""
+MAIN_METRICS = {quantity.metric for table in TABLES for quantity in table.quantities}
+"""Those of the paper's tables, which are shown unless all are asked for."""
 _SHOWN_ERRORS = 20
 _PRINTED = {"inference_s": (1000.0, "ms")}
 

@@ -1,5 +1,5 @@
 "use strict";
-// The robot's LiDAR, cast again from the positions: stored scans would be ten times the size of
+// The robot's LiDAR, cast again from the positions: stored scans would be several times the size of
 // everything else. True distances; a scenario's noise and dropout are not drawn.
 (function (crowdbench) {
   function circle(x, y, dx, dy, radius) {

@@ -1,9 +1,8 @@
-"""The page in a real browser: headless Chromium through Playwright, opened from the disk."""
+"""The replay viewer in a real browser, against the episodes' logs."""
 
 from __future__ import annotations
 
 import shutil
-import tempfile
 import time
 import urllib.parse
 
@@ -12,29 +11,12 @@ import pytest
 
 from crowdbench.agent import lidar_angles
 from crowdbench.evaluation.events import find_events
-from crowdbench.evaluation.results import load_results
-from crowdbench.reporting import website
 from crowdbench.reporting.website import replay_link, write_report_page
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
 
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="Playwright is not installed (pip install playwright)"
-)
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no Chromium (on Debian: apt-get install chromium)"
-)
-FLAGS = [
-    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
-OPEN = load_scenario("multimodal_fast", time_limit=8.0)
 CORRIDOR = "corridor_dense"
 SEEDS = range(900000, 900003)
-TWO_ROBOTS = load_scenario(
-    "corridor_dense", robots={"count": 2}, lidar={"field_of_view": 200}, time_limit=4.0
-)
 HOSTILE = [
     "<img src=x onerror=window.hacked=1>",
     "</script><script>window.hacked=1</script>",
@@ -45,64 +27,9 @@ HOSTILE = [
 ]
 
 
-@pytest.fixture(scope="module")
-def stored(make_whole, tmp_path_factory):
-    """Whole episodes of three agents in an open arena, a corridor and one with two robots."""
-    whole = make_whole(tmp_path_factory.mktemp("stored") / "results")
-    for seed in SEEDS:
-        for agent in ("orca", "straight_line"):
-            whole.run(OPEN, agent, seed)
-            whole.run(CORRIDOR, agent, seed)
-        whole.run(CORRIDOR, "dynamic_window", seed)
-    whole.run(TWO_ROBOTS, "straight_line", 900000)
-    return whole
-
-
-@pytest.fixture(scope="module")
-def site(stored, tmp_path_factory):
-    """The page of these, with its figures."""
-    return write_report_page(stored.folder, tmp_path_factory.mktemp("page") / "site").page.as_uri()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started, tempfile.TemporaryDirectory() as profile:
-        browser = started.chromium.launch_persistent_context(
-            profile,
-            executable_path=CHROMIUM,
-            headless=True,
-            args=FLAGS,
-            viewport={"width": 1200, "height": 900},
-        )
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def page(browser):
-    """A tab that complains about every error, and about everything asked of a network."""
-    tab = browser.new_page()
-    problems = []
-    tab.on("console", lambda message: message.type == "error" and problems.append(message.text))
-    tab.on("pageerror", lambda error: problems.append(str(error)))
-    tab.on("requestfailed", lambda request: problems.append(f"failed: {request.url}"))
-    tab.requests = []
-    tab.on("request", lambda request: tab.requests.append(request.url))
-    yield tab
-    tab.close()
-    assert problems == []
-    assert [url for url in tab.requests if not url.startswith(("file:", "data:"))] == []
-
-
-def label(scenario):
-    from crowdbench.evaluation.results import scenario_label
-
-    return scenario_label(load_scenario(scenario))
-
-
 def watch(page, site, scenario, agent, seed, robot="robot_0", wait=1, **more):
     """Open an episode, or ``wait`` of them, and wait until all are drawn."""
-    link = replay_link(label(scenario), agent, seed, robot)
+    link = replay_link(scenario, agent, seed, robot)
     page.goto(site + link + "".join(f"&{key}={value}" for key, value in more.items()))
     drawn(page, wait)
 
@@ -142,82 +69,13 @@ def scrub(page, seconds):
     )
 
 
-@pytest.mark.parametrize("view", ["", "#/", "#/paper", "#/agents", "#/agent?name=orca", "#/replay"])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_view_loads_without_a_complaint(page, site, view, scheme):
-    page.emulate_media(color_scheme=scheme)
-    page.goto(site + view)
-    assert page.locator("h1").count() == 1
-    if view == "#/paper":
-        image = page.locator("figure img").first
-        image.scroll_into_view_if_needed()
-        until(page, "document.querySelector('figure img').naturalWidth > 0")
-
-
-@pytest.mark.parametrize("view", ["#/", "#/paper", "#/agent?name=orca", "#/replay"])
-def test_nothing_is_wider_than_a_phone(page, site, view):
-    page.set_viewport_size({"width": 390, "height": 844})
-    page.goto(site + view)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390
-
-
-def board(page, scenario):
-    return page.locator(f'.board[data-scenario="{label(scenario)}"]')
-
-
-def agents_of(page, scenario):
-    return board(page, scenario).locator("tbody th").all_inner_texts()
-
-
-@pytest.mark.parametrize(
-    ("metric", "better"), [("spl", "higher"), ("smoothness", "lower"), ("cutoff", "lower")]
-)
-def test_a_heading_sorts_best_first_and_again_the_other_way(page, site, stored, metric, better):
-    rows = load_results(stored.folder, scenario=CORRIDOR)
-    means = rows.groupby("agent")[metric].mean().sort_values(ascending=better == "lower")
-    page.goto(site)
-    for expected in (means, means[::-1]):
-        board(page, CORRIDOR).locator(f'[data-sort="{metric}"] button').click()
-        shown = agents_of(page, CORRIDOR)
-        assert sorted(shown) == sorted(expected.index)
-        np.testing.assert_array_equal(means[shown], expected)
-    heading = board(page, CORRIDOR).locator(f'[data-sort="{metric}"]')
-    assert heading.get_attribute("aria-sort") == "descending"
-    assert page.evaluate("document.activeElement.closest('th').dataset.sort") == metric
-
-
-def test_the_numbers_are_the_rows(page, site, stored):
-    rows = load_results(stored.folder, scenario=CORRIDOR, agent="orca")
-    page.goto(site)
-    line = board(page, CORRIDOR).locator("tbody tr", has_text="orca")
-    texts = line.locator("td.number").all_inner_texts()
-    assert float(texts[0].split()[0]) == pytest.approx(rows["success"].mean(), abs=5e-3)
-    assert float(texts[1].split()[0]) == pytest.approx(rows["spl"].mean(), abs=5e-3)
-    assert float(texts[3].split()[0]) == pytest.approx(1000 * rows["inference_s"].mean(), rel=0.05)
-    assert texts[-1] == str(len(SEEDS))
-
-
-def test_filters_leave_what_is_asked_for(page, site):
-    page.goto(site)
-    assert page.locator(".board").count() == 3
-    page.select_option("#family", "open, reactive")
-    assert page.locator(".board").count() == 1
-    page.select_option("#family", "corridor")
-    assert page.locator(".board").count() == 2
-    assert sorted(agents_of(page, CORRIDOR)) == ["dynamic_window", "orca", "straight_line"]
-    page.locator("#agents summary").click()
-    page.get_by_label("straight_line").uncheck()
-    assert sorted(agents_of(page, CORRIDOR)) == ["dynamic_window", "orca"]
-    assert page.locator(".board").count() == 1, "nothing is left of the other corridor"
-    page.get_by_label("All metrics").check()
-    assert board(page, CORRIDOR).locator('[data-sort="jerk"]').count() == 1
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_deep_link_opens_this_moment_of_this_episode(page, site, stored, seed):
-    episode = stored.episodes[label(OPEN), "straight_line", seed, "robot_0"]
+    episode = stored.episodes[stored.labels["open"], "straight_line", seed, "robot_0"]
     state = episode.steps // 2
-    watch(page, site, OPEN, "straight_line", seed, t=state * episode.control_period)
+    watch(
+        page, site, stored.labels["open"], "straight_line", seed, t=state * episode.control_period
+    )
     assert_is_the_log(positions(page)[0], episode, state)
 
 
@@ -387,10 +245,12 @@ def test_layers_are_drawn_only_while_they_are_switched_on(page, site, stored):
     seed = next(
         seed
         for seed in SEEDS
-        for event in find_events(stored.episodes[label(OPEN), "straight_line", seed, "robot_0"])
+        for event in find_events(
+            stored.episodes[stored.labels["open"], "straight_line", seed, "robot_0"]
+        )
         if event.kind == "switch"
     )
-    watch(page, site, OPEN, "straight_line", seed, t=1.0)
+    watch(page, site, stored.labels["open"], "straight_line", seed, t=1.0)
     assert page.locator(".mark-switch").first.is_hidden()
     for layer in ("lidar", "trails", "goals", "intents"):
         before = picture(page)
@@ -404,13 +264,14 @@ def test_layers_are_drawn_only_while_they_are_switched_on(page, site, stored):
 
 
 @pytest.mark.parametrize(
-    ("scenario", "robot"), [(OPEN, "robot_0"), (TWO_ROBOTS, "robot_0"), (TWO_ROBOTS, "robot_1")]
+    ("name", "robot"),
+    [("open", "robot_0"), ("two_robots", "robot_0"), ("two_robots", "robot_1")],
 )
-def test_the_lidar_is_the_simulations(page, site, stored, scenario, robot):
+def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
     """Against the simulation's ray caster, in the same state of the log."""
-    world = load_scenario(scenario)
-    episode = stored.episodes[label(world), "straight_line", 900000, robot]
-    watch(page, site, world, "straight_line", 900000, robot)
+    world, place = stored.worlds[name], stored.labels[name]
+    episode = stored.episodes[place, "straight_line", 900000, robot]
+    watch(page, site, place, "straight_line", 900000, robot)
     for state in (0, 3, episode.steps):
         scrub(page, state * episode.control_period)
         shown = page.evaluate("crowdbench.viewer.scenes[0].scan")
@@ -433,13 +294,6 @@ def test_the_lidar_is_the_simulations(page, site, stored, scenario, robot):
         # A beam that grazes a disc may miss it after rounding to float32.
         apart = np.abs(np.array(shown) - expected)
         assert np.count_nonzero(apart > 1e-3) <= 1
-
-
-@pytest.fixture
-def no_figures(monkeypatch):
-    """Drawing takes seconds."""
-    there = {drawing.name: False for drawing in website.DRAWINGS}
-    monkeypatch.setattr(website, "save_figures", lambda *_: there)
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -465,7 +319,7 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
         page.goto(f"{site}#/agent?{urllib.parse.urlencode({'name': text})}")
         until(page, "text => document.querySelector('h1').textContent === text", text)
         page.locator("details", has_text="Errors").locator("summary").first.click()
-        page.goto(site + replay_link(label(short), text, 900000))
+        page.goto(site + replay_link(f"multimodal_fast@{short.digest}", text, 900000))
         until(page, "text => crowdbench.viewer?.positions()[0]?.agent === text", text)
         unknown = f"{text}@{short.digest}"
         page.goto(site + replay_link(unknown, "straight_line", 900000))
