@@ -15,7 +15,9 @@ from crowdbench.agent import AgentError
 from crowdbench.cli_common import UserError, err, out
 from crowdbench.cli_lists import agents, scenarios
 from crowdbench.cli_pictures import record, show
+from crowdbench.cli_play import play
 from crowdbench.cli_run import compare, run
+from crowdbench.cli_site import replay, report
 from crowdbench.cli_tables import tables
 from crowdbench.cli_train import train
 from crowdbench.evaluation.appending import ResultsError
@@ -27,7 +29,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (run, compare, agents, scenarios, show, record, train, tables):
+for command in (
+    run, compare, agents, scenarios, show, record, play, train, tables, report, replay,
+):  # fmt: skip
     app.command()(command)
 
 

@@ -83,7 +83,8 @@ def complaint(capsys, *arguments) -> str:
 def test_help_names_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for command in ("run", "compare", "agents", "scenarios", "show", "record", "train"):
+    commands = "run compare agents scenarios show record train tables report replay play"
+    for command in commands.split():
         assert re.search(rf"^\W+{command} ", text, re.MULTILINE)
 
 

@@ -124,21 +124,24 @@ def crossing_gaps(
     return np.where(crosses & (distance > 0), gap, np.inf)
 
 
-def count_cut_offs(gaps: Array, period: float) -> int:
-    """Count crossings with a gap below ``TIME_GAP``, per pedestrian one per ``EVENT_SPACING``.
+def cut_offs(gaps: Array, period: float) -> list[tuple[int, int]]:
+    """Crossings with a gap below ``TIME_GAP``, per pedestrian one per ``EVENT_SPACING``.
 
     Args:
         gaps: (N, P) from ``crossing_gaps`` [s].
         period: time between two states [s].
+
+    Returns:
+        (step, pedestrian) of each, in their order.
     """
-    count = 0
+    found = []
     last: dict[int, int] = {}
     spacing = EVENT_SPACING / period - 1e-9  # in steps; a rounding error must not add one
     for step, pedestrian in np.argwhere(gaps < TIME_GAP).tolist():
         if pedestrian not in last or step - last[pedestrian] >= spacing:
             last[pedestrian] = step
-            count += 1
-    return count
+            found.append((step, pedestrian))
+    return found
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -91,14 +91,7 @@ def inference_s(episode: Episode) -> float:
 
 def cutoff(episode: Episode) -> float:
     """How often the robot crossed close ahead of a walking pedestrian."""
-    gaps = interactions.crossing_gaps(
-        episode.robot_pose[:, :2],
-        episode.pedestrian_position,
-        episode.pedestrian_velocity,
-        episode.control_period,
-        _reach(episode),
-    )
-    return float(interactions.count_cut_offs(gaps, episode.control_period))
+    return float(len(interactions.cut_offs(crossing_gaps(episode), episode.control_period)))
 
 
 def min_dist(episode: Episode) -> float:
@@ -115,12 +108,7 @@ def min_clearance(episode: Episode) -> float:
 
 def ttc_below_1s(episode: Episode) -> float:
     """Share of steps at which some pedestrian is less than a second from collision."""
-    ttc = interactions.time_to_collision(
-        episode.pedestrian_position[1:] - episode.robot_pose[1:, None, :2],
-        episode.pedestrian_velocity[1:] - _velocity(episode)[:, None],
-        _reach(episode),
-    )
-    return _mean(np.any(ttc < TTC_LIMIT, axis=1))
+    return _mean(np.any(time_to_collision(episode) < TTC_LIMIT, axis=1))
 
 
 def _collision_with(kind: ContactKind) -> Callable[[Episode], float]:
@@ -180,6 +168,26 @@ def intimate_space_share(episode: Episode) -> float:
 def personal_space_share(episode: Episode) -> float:
     """Share of steps with a pedestrian's surface nearer than 1.2 m."""
     return _mean(np.any(_clearance(episode)[1:] < PERSONAL_SPACE, axis=1))
+
+
+def crossing_gaps(episode: Episode) -> NDArray[np.float64]:
+    """(T, P) time gap wherever the robot crosses a pedestrian's path, else infinite [s]."""
+    return interactions.crossing_gaps(
+        episode.robot_pose[:, :2],
+        episode.pedestrian_position,
+        episode.pedestrian_velocity,
+        episode.control_period,
+        _reach(episode),
+    )
+
+
+def time_to_collision(episode: Episode) -> NDArray[np.float64]:
+    """(T, P) time to collision with each pedestrian after each action [s]."""
+    return interactions.time_to_collision(
+        episode.pedestrian_position[1:] - episode.robot_pose[1:, None, :2],
+        episode.pedestrian_velocity[1:] - _velocity(episode)[:, None],
+        _reach(episode),
+    )
 
 
 def _velocity(episode: Episode) -> NDArray[np.float64]:

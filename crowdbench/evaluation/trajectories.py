@@ -116,7 +116,15 @@ def load_episode(path: str | Path, seed: int, robot: str = "robot_0") -> Episode
     entries = [entry for entry in trajectory_index(path) if entry[:2] == (seed, robot)]
     if not entries:
         raise ResultsError(f"{path}: no episode with seed {seed} of {robot}")
-    entry = entries[-1]
+    return read_episode(path, entries[-1])
+
+
+def read_episode(path: str | Path, entry: Entry) -> Episode:
+    """Read the episode of an entry of ``trajectory_index``.
+
+    Raises:
+        ResultsError: the file is damaged.
+    """
     with Path(path).open("rb") as file:
         member = os.pread(file.fileno(), entry.size, entry.offset)
     try:

@@ -10,8 +10,8 @@ from shapely import Point, Polygon
 
 from crowdbench.evaluation.interactions import (
     clearance,
-    count_cut_offs,
     crossing_gaps,
+    cut_offs,
     time_to_collision,
 )
 from crowdbench.evaluation.metrics import METRICS
@@ -169,7 +169,7 @@ def test_crossings_of_one_pedestrian_within_a_second_are_one_event():
     gaps[[2, 6, 7, 11, 12], 0] = 0.5  # events at 2, 7 (1.0 s later) and 12
     gaps[3, 1] = 1.9
     gaps[10, 1] = 2.0  # not below the limit
-    assert count_cut_offs(gaps, PERIOD) == 4
+    assert len(cut_offs(gaps, PERIOD)) == 4
 
 
 @pytest.mark.parametrize("period", [0.1, 0.2, 0.25, 0.3])
@@ -177,8 +177,8 @@ def test_an_event_may_follow_after_a_second_at_any_period(period):
     later = math.ceil(1.0 / period)
     gaps = np.full((later + 1, 1), np.inf)
     gaps[[0, later]] = 0.0
-    assert count_cut_offs(gaps, period) == 2
-    assert count_cut_offs(gaps[[0, *range(2, later + 1)]], period) == 1
+    assert len(cut_offs(gaps, period)) == 2
+    assert len(cut_offs(gaps[[0, *range(2, later + 1)]], period)) == 1
 
 
 def test_a_robot_that_drives_across_in_front_of_someone_cuts_them_off_once(make_episode):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
@@ -85,3 +86,40 @@ def many(tmp_path_factory):
             ttc_below_1s=[0.02 * ((seed + number) % 3) for seed in seeds],
         )
     return store
+
+
+class Whole:
+    """A results folder with whole episodes, run here; ``episodes`` has them by what they are."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.episodes = {}
+
+    def run(self, scenario, agent, seed, *, label=None, name=None, weights="", **changes):
+        """Run and store an episode; ``label`` and ``name`` replace agent and scenario in it."""
+        from crowdbench.evaluation.metrics import metrics
+        from crowdbench.evaluation.results import make_row, scenario_label
+        from crowdbench.evaluation.rollout import run_episode
+        from crowdbench.evaluation.trajectories import TrajectoryStore, encode_episode
+
+        world = load_scenario(scenario)
+        agent_name, scenario_name = label or agent, name or scenario_label(world)
+        cell = Cell(scenario_name, world.digest, agent_name, "{}", "0.1.0", weights, "by hand")
+        store = ResultsStore(self.folder)
+        store.describe_scenario(cell, world)
+        for run in run_episode(world, agent, seed, label=agent_name):
+            episode = dataclasses.replace(run, **changes)
+            TrajectoryStore(self.folder).append(cell, [encode_episode(cell, episode)])
+            store.append(cell, [make_row(cell, episode, metrics(episode), "a machine")])
+            self.episodes[scenario_name, agent_name, seed, episode.robot] = episode
+        return episode
+
+
+@pytest.fixture(scope="session")
+def make_whole():
+    return Whole
+
+
+@pytest.fixture
+def whole(tmp_path):
+    return Whole(tmp_path / "results")

@@ -1,0 +1,215 @@
+"""A person drives the robot: a window, the keyboard, and an episode stored like any other."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.agent import Action, Agent, Observation, RobotSpec
+from crowdbench.evaluation.appending import require_writable
+from crowdbench.evaluation.episode import Episode
+from crowdbench.evaluation.metrics import metrics
+from crowdbench.evaluation.results import Cell, ResultsStore, make_row, scenario_label
+from crowdbench.evaluation.rollout import run_episode
+from crowdbench.evaluation.runner import machine_name
+from crowdbench.evaluation.trajectories import TrajectoryStore, encode_episode
+from crowdbench.scenario import Scenario
+from crowdbench.simulation.env import CrowdEnv
+
+HUMAN = "human"
+"""The name under which a person's episodes are stored."""
+
+_FRAMES = 60  # per second, at which keys and the window are looked after
+_SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
+
+
+class NoDisplayError(RuntimeError):
+    """There is no screen to drive on; the message says what is needed."""
+
+
+class QuitError(Exception):
+    """The person has left before the episode ended."""
+
+
+class Driver(Agent):
+    """Turns the keys that are held into an action: full speed, or half with shift."""
+
+    def __init__(self) -> None:
+        self._held: set[str] = set()
+        self._robot: RobotSpec | None = None
+
+    def reset(self, robot: RobotSpec, seed: int) -> None:
+        """Take note of the robot's limits."""
+        self._robot = robot
+
+    def hold(self, keys: Iterable[str]) -> None:
+        """Take note of the keys that are down: up, down, left, right, slow."""
+        self._held = set(keys)
+
+    def act(self, observation: Observation) -> Action:
+        """Forward or back with up and down, turning with left and right."""
+        assert self._robot is not None, "reset() comes first"
+        ahead = ("up" in self._held) - ("down" in self._held)
+        left = ("left" in self._held) - ("right" in self._held)
+        share = 0.5 if "slow" in self._held else 1.0
+        lowest, highest = self._robot.speed
+        v = highest if ahead > 0 else min(lowest, 0.0) if ahead < 0 else 0.0
+        slowest, fastest = self._robot.turn_rate
+        w = fastest if left > 0 else slowest if left < 0 else 0.0
+        return share * v, share * w
+
+
+class Window:
+    """Shows the scene at real-time pace and hands the keys to a driver."""
+
+    def __init__(self, title: str, driver: Driver) -> None:
+        """Open a window.
+
+        Raises:
+            NoDisplayError: there is no screen.
+        """
+        if sys.platform.startswith("linux") and not any(map(os.environ.get, _SCREENS)):
+            raise NoDisplayError(
+                "a window needs a display, and there is none (neither DISPLAY nor WAYLAND_DISPLAY "
+                "is set); run this on a desktop, or connect with ssh -X"
+            )
+        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+        import pygame
+
+        self._pygame, self._driver, self._title = pygame, driver, title
+        try:
+            pygame.display.init()
+        except pygame.error as error:
+            raise NoDisplayError(f"a window needs a display: {error}") from error
+        self._clock = pygame.time.Clock()
+        self._surface: Any = None
+        self._down: set[int] = set()
+        self._keys = {
+            pygame.K_UP: "up", pygame.K_w: "up", pygame.K_DOWN: "down", pygame.K_s: "down",
+            pygame.K_LEFT: "left", pygame.K_a: "left", pygame.K_RIGHT: "right",
+            pygame.K_d: "right", pygame.K_LSHIFT: "slow", pygame.K_RSHIFT: "slow",
+        }  # fmt: skip
+
+    def close(self) -> None:
+        """Close the window."""
+        self._pygame.display.quit()
+
+    def show(self, picture: NDArray[np.uint8]) -> None:
+        """Put a picture (height, width, 3) on the screen."""
+        pygame = self._pygame
+        if self._surface is None:
+            self._surface = pygame.display.set_mode(picture.shape[1::-1])
+            pygame.display.set_caption(self._title)
+        self._surface.blit(pygame.surfarray.make_surface(picture.transpose(1, 0, 2)), (0, 0))
+        pygame.display.flip()
+
+    def wait(self, seconds: float) -> None:
+        """Look after the keys for a while.
+
+        Raises:
+            QuitError: Escape, or the window was closed.
+        """
+        end = self._pygame.time.get_ticks() + 1000 * seconds
+        while True:
+            self._read_events()
+            if self._pygame.time.get_ticks() >= end:
+                return
+            self._clock.tick(_FRAMES)
+
+    def wait_for_a_key(self) -> None:
+        """Look after the keys until one that steers is held; raises as ``wait``."""
+        while not self._down:
+            self.wait(1 / _FRAMES)
+
+    def _read_events(self) -> None:
+        pygame = self._pygame
+        for event in pygame.event.get():
+            if event.type == pygame.QUIT:
+                raise QuitError
+            if event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE:
+                raise QuitError
+            if event.type == pygame.KEYDOWN and event.key in self._keys:
+                self._down.add(event.key)
+            elif event.type == pygame.KEYUP:
+                self._down.discard(event.key)
+            elif event.type == pygame.WINDOWFOCUSLOST:
+                self._down.clear()  # their release goes to another window
+        self._driver.hold(self._keys[key] for key in self._down)
+
+
+def drive(scenario: Scenario, seed: int) -> Episode:
+    """Let a person drive one episode of a scenario with one robot.
+
+    It begins when a key that steers is pressed and goes on at real-time pace.
+
+    Raises:
+        NoDisplayError: there is no screen.
+        QuitError: the person has left; nothing is left open.
+        ScenarioError: the scenario has no room.
+    """
+    driver = Driver()
+    title = f"crowdbench: {scenario.name}, seed {seed}: arrow keys drive, shift slows, Esc ends"
+    window = Window(title, driver)
+    env = CrowdEnv(scenario, render_mode="rgb_array")
+    due: float | None = None
+
+    def on_step(env: CrowdEnv) -> None:
+        nonlocal due
+        picture = env.render()
+        assert picture is not None
+        window.show(picture)
+        if due is None:
+            window.wait_for_a_key()
+            due = time.monotonic()
+        else:
+            # What drawing takes is part of the period; a machine that is late does not hurry.
+            due = max(due + scenario.control_period, time.monotonic())
+            window.wait(due - time.monotonic())
+
+    try:
+        (episode,) = run_episode(env, [driver], seed, label=HUMAN, on_step=on_step)
+    finally:
+        window.close()
+        env.close()
+    return episode
+
+
+def human_cell(scenario: Scenario) -> Cell:
+    """Under which a person's episodes in a scenario are stored."""
+    return Cell(
+        scenario=scenario_label(scenario),
+        scenario_digest=scenario.digest,
+        agent=HUMAN,
+        options="{}",
+        version=version("crowdbench-nav"),
+        weights_sha256="",
+        code="keyboard",
+    )
+
+
+def next_seed(scenario: Scenario, folder: Path) -> int:
+    """The first seed of a scenario that nobody has driven yet."""
+    stored = ResultsStore(folder).stored(human_cell(scenario))
+    return next(seed for seed in range(len(stored) + 1) if seed not in stored)
+
+
+def store_drive(scenario: Scenario, episode: Episode, folder: Path) -> Path:
+    """Store a person's episode, row and trajectory; returns the file of the rows.
+
+    Raises:
+        ResultsError: the folder cannot be written to.
+    """
+    require_writable(folder)
+    cell, store = human_cell(scenario), ResultsStore(folder)
+    store.describe_scenario(cell, scenario)
+    TrajectoryStore(folder).append(cell, [encode_episode(cell, episode)])
+    store.append(cell, [make_row(cell, episode, metrics(episode), machine_name(threads=1))])
+    return store.path(cell)
