@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-DEFAULT_AGENT = "orca"
+DEFAULT_AGENT = "latent_planner"
 DEFAULT_SCENARIO = "multimodal_fast"
 
 TABLE_METRICS = (

@@ -13,6 +13,7 @@ DIFFERENCES = {
     "planner.smoothness_weight": 0.0,
     "planner.start": "previous",
     "planner.max_std": 1.0,
+    "planner.temperature": 0.5,
 }
 """No imitation of the planner and no smoothness term, and planning starts from the previous plan,
 as in TD-MPC; the social reward is left out as well."""
