@@ -149,6 +149,11 @@ class Config(_Section):
     loss: Loss = Loss()
     training: Training = Training()
 
+    def teaching(self, updates: int) -> float:
+        """Weight of the imitation of the teacher after some updates."""
+        loss, done = self.loss, min(1.0, updates / self.training.teaching_updates)
+        return loss.teaching + done * (loss.teaching_end - loss.teaching)
+
     def override(self, changes: Mapping[str, Any]) -> Config:
         """Return a copy with some fields replaced, e.g. ``{"planner.horizon": 3}``.
 

@@ -63,7 +63,7 @@ class Teachers:
         wanted = np.array(
             [agent.act(crowds.observation(i, state=True)) for i, agent in self._agents.items()],
             np.float32,
-        )
+        ).reshape(-1, 2)
         velocity = crowds.sensed.velocity[self.which]
         return crowds.bounds.normalised(velocity + FOLLOW * (wanted - velocity)).astype(np.float32)
 

@@ -61,13 +61,6 @@ class Learner:
         """Entropy coefficient."""
         return float(self.log_alpha.detach().exp())
 
-    @property
-    def teaching(self) -> float:
-        """Present weight of the imitation of the teacher."""
-        loss = self.config.loss
-        done = min(1.0, self.updates / self.config.training.teaching_updates)
-        return loss.teaching + done * (loss.teaching_end - loss.teaching)
-
     def update(self, batch: Batch) -> dict[str, Tensor]:
         """One step of the world model and one of the policy.
 
@@ -78,11 +71,12 @@ class Learner:
             The losses' terms, for the log.
         """
         loss = self.config.loss
+        teaching = self.config.teaching(self.updates)
         batch = batch._replace(reward=batch.reward * self.config.training.reward_scale)
         with self.precision():
             result = model_loss(
                 self.model, self.target, batch, loss, self._noise(batch.action.shape),
-                self.teaching,
+                teaching,
             )  # fmt: skip
         terms = dict(result.terms)
         terms["model_gradient"] = self._step("model", result.total, self._model_parameters)
@@ -91,7 +85,7 @@ class Learner:
         with self.precision():
             actor = policy_loss(
                 self.model, result.latents, batch, loss, self.alpha, self.q_scale,
-                self._noise(batch.action.shape), self.teaching,
+                self._noise(batch.action.shape), teaching,
             )  # fmt: skip
         terms |= actor.terms
         terms["policy_gradient"] = self._step("policy", actor.total, self._policy_parameters)

@@ -97,9 +97,8 @@ class Run:
         crowds, everywhere = self.crowds, np.arange(self.crowds.count)
         with self.learner.precision():
             acts = self.explorer.act(crowds.sensed)
-        if len(self.teachers.which):
-            acts.reference[self.teachers.which] = self.teachers.advise()
-            acts.source[self.teachers.which] = TEACHER
+        acts.reference[self.teachers.which] = self.teachers.advise()
+        acts.source[self.teachers.which] = TEACHER
         before = tuple(x.copy() for x in crowds.sensed)
         result = crowds.step(everywhere, crowds.bounds.physical(acts.action))
         collided = result.outcome == "collision"

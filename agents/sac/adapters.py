@@ -55,7 +55,6 @@ class CrowdVecEnv(VecEnv):
         )
         self.crowds, self._mixture, self._teachers = crowds, mixture, teachers
         self._everywhere = np.arange(crowds.count)
-        self.social = True
         super().__init__(crowds.count, space, spaces.Box(-1, 1, (2,), np.float32))
 
     def reset(self) -> dict[str, np.ndarray]:

@@ -138,9 +138,8 @@ class SacRun:
 
         As in the latent planner's policy loss, a is drawn from the policy.
         """
-        loss, batch = self.config.loss, self.model.replay_buffer.advice
-        done = min(1.0, self.model._n_updates / self.config.training.teaching_updates)
-        weight = loss.teaching + done * (loss.teaching_end - loss.teaching)
+        batch = self.model.replay_buffer.advice
+        weight = self.config.teaching(self.model._n_updates)
         taught = np.flatnonzero(batch.taught[0])
         if weight == 0 or not len(taught):
             return

@@ -71,6 +71,13 @@ def test_advice_reaches_the_replay_of_taught_environments_only(in_empty_folder):
     assert run.model.replay_buffer.advice.taught.shape[1] == BATCH
 
 
+def test_without_taught_environments_nobody_advises(in_empty_folder):
+    config = load_config().override(TINY | {"training.taught_environments": 0})
+    run = SacRun(in_empty_folder / "run", config, seed=0, social=True, facts={})
+    run.model.learn(total_timesteps=20, log_interval=None)
+    assert not run.replay._data.source.any()
+
+
 def test_a_run_trains_stops_and_goes_on(in_empty_folder):
     folder = train("short", steps=100, overrides=TINY)
     train("short", steps=160, resume=True, overrides=TINY)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from crowdbench_agents.latent_planner.config import Config, Loss, load_config
+from crowdbench_agents.latent_planner.crowds import Sensed
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
 from crowdbench_agents.latent_planner.losses import (
@@ -14,11 +15,11 @@ from crowdbench_agents.latent_planner.losses import (
     target_steps,
     value_targets,
 )
-from crowdbench_agents.latent_planner.replay import Batch
+from crowdbench_agents.latent_planner.replay import PLANNER, Batch
 from crowdbench_agents.latent_planner.training import Mixture, check_folder, train
 from crowdbench_agents.latent_planner.validation import validate
 from crowdbench_agents.latent_planner.weights import load_world_model
-from crowdbench_agents.latent_planner.world_model import Inputs
+from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs
 from crowdbench_agents.perception import MapGeometry
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -199,13 +200,22 @@ def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
     config = Config()
     learner = Learner(tiny(), seed=0)
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
-    from crowdbench_agents.latent_planner.world_model import ActionBounds
-
     explorer = Explorer(learner.model, config, ActionBounds.of(robot), seed=0)
     seen = []
     for explorer.decisions in (0, 12_500, 25_000, 10**6):
         seen.append(explorer.epsilon)
     assert seen == pytest.approx([0.5, 0.275, 0.05, 0.05])
+
+
+def test_plans_are_examples_only_where_they_have_just_been_made():
+    config = tiny(**{"training.planning_environments": 4, "training.taught_environments": 0})
+    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
+    explorer = Explorer(Learner(config, seed=0).model, config, ActionBounds.of(robot), seed=0)
+    sensed = Sensed(
+        np.zeros((4, 16, 16), np.uint8), np.zeros((4, 2), np.float32), np.ones((4, 2), np.float32)
+    )
+    examples = sum((explorer.act(sensed).source == PLANNER).sum() for _ in range(30))
+    assert examples == explorer.decisions < 30 * 4
 
 
 def test_the_mixture_draws_what_fails_more_often_and_training_seeds_only():
