@@ -28,9 +28,10 @@ class Options(BaseModel):
     policy_prior: bool
     use_mppi: bool
     score: Literal["reward_q", "reward", "q"]
-    iterations: Annotated[int, Field(ge=1)]
-    candidates: Annotated[int, Field(ge=1)]
-    elites: Annotated[int, Field(ge=1)]
+    iterations: Annotated[int, Field(ge=1)] | None
+    candidates: Annotated[int, Field(ge=1)] | None
+    elites: Annotated[int, Field(ge=1)] | None
+    values: Literal["final", "mean"] | None
     threads: Annotated[int, Field(ge=1, le=256)] | None
 
 
@@ -46,9 +47,12 @@ class LatentPlanner(LearnedAgent):
         score: what candidates are scored by: predicted rewards and the final Q, or one of them.
         weights: name of shipped weights, or path of a ``.safetensors`` file; None takes the
             agent's own.
-        iterations: MPPI's.
-        candidates: per iteration, those of the policy included.
-        elites: candidates that the next iteration's Gaussian is fitted to.
+        iterations: MPPI's (6 in the paper). This and the next three are by default those of the
+            weights' configuration.
+        candidates: per iteration, those of the policy included (512 in the paper).
+        elites: candidates that the next iteration's Gaussian is fitted to (64 in the paper).
+        values: "final", the paper's score, with the Q behind the horizon; or "mean", the mean of
+            such returns over all lengths up to the horizon.
         threads: used to plan; None means as many as PyTorch uses.
     """
 
@@ -66,9 +70,10 @@ class LatentPlanner(LearnedAgent):
         use_mppi: bool = True,
         score: str = "reward_q",
         weights: str | None = None,
-        iterations: int = 6,
-        candidates: int = 512,
-        elites: int = 64,
+        iterations: int | None = None,
+        candidates: int | None = None,
+        elites: int | None = None,
+        values: str | None = None,
         threads: int | None = None,
     ) -> None:
         self.options = _checked(
@@ -81,6 +86,7 @@ class LatentPlanner(LearnedAgent):
             iterations=iterations,
             candidates=candidates,
             elites=elites,
+            values=values,
             threads=threads,
         )
         super().__init__(self.own_weights if weights is None else weights)
@@ -111,17 +117,17 @@ class LatentPlanner(LearnedAgent):
 
     def _load(self, path: Path) -> tuple[WorldModel, Config]:
         import torch
+        from crowdbench_agents.latent_planner.config import Planner
         from crowdbench_agents.latent_planner.fast import FastPlanner
         from crowdbench_agents.latent_planner.weights import load_world_model
 
         model, config = load_world_model(path)
         options = self.options
-        changes = options.model_dump(include={"horizon", "iterations", "candidates", "elites"})
-        if options.smoothness_weight is not None:
-            changes["smoothness_weight"] = options.smoothness_weight
+        changes = options.model_dump(include=set(Planner.model_fields), exclude_none=True)
         if not options.policy_prior:
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)
+        _check_elites(self._settings.elites, self._settings.candidates)
         if options.use_mppi:
             self._planner = FastPlanner(model, options.threads or torch.get_num_threads())
         return model, config
@@ -177,8 +183,11 @@ def _checked(**values: object) -> Options:
         raise ValueError(
             f"execute: should be 1 to horizon ({options.horizon}), got {options.execute}"
         )
-    if options.elites > options.candidates:
-        raise ValueError(
-            f"elites: should be 1 to candidates ({options.candidates}), got {options.elites}"
-        )
+    if options.elites is not None and options.candidates is not None:
+        _check_elites(options.elites, options.candidates)
     return options
+
+
+def _check_elites(elites: int, candidates: int) -> None:
+    if elites > candidates:
+        raise ValueError(f"elites: should be 1 to candidates ({candidates}), got {elites}")

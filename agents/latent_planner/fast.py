@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import Plan, Score, refit, roughness
+from crowdbench_agents.latent_planner.mppi import Plan, Score, correlated, refit, roughness
 from crowdbench_agents.latent_planner.world_model import ACTION, Mlp, WorldModel
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, linear, silu
@@ -80,14 +80,15 @@ class FastPlanner:
         noise = torch.randn(guided, horizon, ACTION, generator=generator)
         if settings.start == "policy":
             noise[:1] = 0.0
-        from_policy, returns = self._follow_policy(z, noise, discount, score)
+        from_policy, returns = self._follow_policy(z, noise, settings, discount, score)
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
         policy_scores = returns - penalty(from_policy)
         for _ in range(settings.iterations):
-            sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
+            white = torch.randn(shape, generator=generator)
+            sampled = mean[:, None] + std[:, None] * correlated(white, settings.noise_correlation)
             sampled = sampled.clamp(-1, 1)
-            scores = self.returns(z, sampled[0], discount, score) - penalty(sampled)
+            scores = self.returns(z, sampled[0], settings, discount, score) - penalty(sampled)
             mean, std, best = refit(
                 torch.cat([from_policy, sampled], dim=1),
                 torch.cat([policy_scores, scores], dim=1),
@@ -97,13 +98,19 @@ class FastPlanner:
 
     @torch.no_grad()
     def returns(
-        self, z: Tensor, candidates: Tensor, discount: float, score: Score = "reward_q"
+        self,
+        z: Tensor,
+        candidates: Tensor,
+        settings: Planner,
+        discount: float,
+        score: Score = "reward_q",
     ) -> Tensor:
         """phi without the smoothness penalty.
 
         Args:
             z: (1, latent) where all candidates start.
             candidates: (N, H, 2) in [-1, 1].
+            settings: of which ``values`` counts.
             discount: gamma per step.
             score: which of the predicted terms count.
 
@@ -111,20 +118,21 @@ class FastPlanner:
             (1, N).
         """
         count, horizon, _ = candidates.shape
+        every = settings.values == "mean"
         blocks = candidates.chunk(-(-count // BLOCK)) if count else ()
         start = self._start(z)
 
         def roll(block: Tensor) -> Tensor:
             with torch.no_grad():  # each thread has its own such setting
                 return self._roll(
-                    start, lambda t, _: block[:, t], len(block), horizon, discount, score
+                    start, lambda t, _: block[:, t], len(block), horizon, every, discount, score
                 )
 
         run = map if self._pool is None else self._pool.map
         return torch.cat([torch.zeros(0), *run(roll, blocks)])[None]
 
     def _follow_policy(
-        self, z: Tensor, noise: Tensor, discount: float, score: Score
+        self, z: Tensor, noise: Tensor, settings: Planner, discount: float, score: Score
     ) -> tuple[Tensor, Tensor]:
         """Candidates (1, N, H, 2) of the policy with noise (N, H, 2), and their returns (1, N)."""
         count, horizon, _ = noise.shape
@@ -134,38 +142,55 @@ class FastPlanner:
             actions[:, t] = self._model.sample(z, noise[:, t])[0]
             return actions[:, t]
 
-        returns = self._roll(self._start(z), act, count, horizon, discount, score)
+        every = settings.values == "mean"
+        returns = self._roll(self._start(z), act, count, horizon, every, discount, score)
         return actions[None], returns[None]
 
     def _start(self, z: Tensor) -> _Start:
         return _Start(z, self._outcome.share(z), self._dynamics.share(z))
 
     def _roll(
-        self, start: _Start, act: Act, count: int, horizon: int, discount: float, score: Score
+        self,
+        start: _Start,
+        act: Act,
+        count: int,
+        horizon: int,
+        every: bool,
+        discount: float,
+        score: Score,
     ) -> Tensor:
-        """Returns (N,) of N = ``count`` candidates from the same state."""
-        outcomes = []
+        """Returns (N,) of N = ``count`` candidates from the same state.
+
+        With ``every``, the mean of those with a value behind each step, as in ``mppi.evaluate``.
+        """
+        outcomes, values = [], []
         z = start.z.expand(count, -1)
         for t in range(horizon):
             action = act(t, z)
             first = t == 0
             inputs = action if first else torch.cat([z, action], dim=1)
+            if every and not first and score != "reward":
+                values.append(self._value(inputs))
             if score != "q":
                 outcomes.append(self._outcome(inputs, start.outcome if first else None))
             if t + 1 < horizon or score != "reward":
                 change = self._dynamics(inputs, start.dynamics if first else None)
                 z = self._normalise(change.add_(z) if self._residual else change)
-        total, weight = torch.zeros(count), torch.ones(count)
+        total, weight = torch.zeros(horizon, count), torch.ones(horizon, count)
         if score != "q":
             reward, end = torch.stack(outcomes).unbind(dim=-1)
-            goes_on = torch.sigmoid(-end).mul_(discount).cumprod(dim=0)
-            total = reward[0] + (goes_on[:-1] * reward[1:]).sum(dim=0)
-            weight = goes_on[-1]
+            weight = torch.sigmoid(-end).mul_(discount).cumprod(dim=0)
+            total = torch.cat([reward[:1], weight[:-1] * reward[1:]]).cumsum(dim=0)
         if score == "reward":
-            return total
-        inputs = torch.cat([z, torch.tanh(self._policy(z)[:, :ACTION])], dim=1)
+            return total[-1]
+        values.append(self._value(torch.cat([z, torch.tanh(self._policy(z)[:, :ACTION])], dim=1)))
+        value = torch.stack(values)
+        return (total[-len(value) :] + weight[-len(value) :] * value).mean(dim=0)
+
+    def _value(self, inputs: Tensor) -> Tensor:
+        """Q (N,), the mean of both estimates, for states and actions (N, latent + 2)."""
         one, two = (network(inputs)[:, 0] for network in self._q_networks)
-        return total + weight * (one + two) / 2
+        return (one + two) / 2
 
     def _normalise(self, z: Tensor) -> Tensor:
         if self._model.settings.latent_norm == "layer":

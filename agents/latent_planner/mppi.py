@@ -7,6 +7,7 @@ best of them move the Gaussian.
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import torch
@@ -73,13 +74,27 @@ def plan(
     if settings.start == "policy" and guided:
         mean = from_policy[:, 0]
     for _ in range(settings.iterations):
-        sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
+        noise_of_free = correlated(draw(robots, free, horizon, ACTION), settings.noise_correlation)
+        sampled = mean[:, None] + std[:, None] * noise_of_free
         candidates = torch.cat([from_policy, sampled.clamp(-1, 1)], dim=1)
-        scores = evaluate(
-            model, z, candidates, previous, settings.smoothness_weight, discount, half_range, score
-        )
+        scores = evaluate(model, z, candidates, previous, settings, discount, half_range, score)
         mean, std, best = refit(candidates, scores, settings)
     return Plan(mean, std, best)
+
+
+def correlated(noise: Tensor, correlation: float) -> Tensor:
+    """White noise (..., H, 2) made into one of the same variance that remembers the step before.
+
+    A first-order autoregression in place of the coloured noise of iCEM (Pinneri et al., CoRL 2020,
+    section 3.1). Steady deviations go somewhere, and they cost little smoothness.
+    """
+    if correlation == 0:
+        return noise
+    steps = [noise[..., 0, :]]
+    fresh = math.sqrt(1 - correlation**2)
+    for t in range(1, noise.shape[-2]):
+        steps.append(correlation * steps[-1] + fresh * noise[..., t, :])
+    return torch.stack(steps, dim=-2)
 
 
 def refit(candidates: Tensor, scores: Tensor, settings: Planner) -> Plan:
@@ -105,29 +120,37 @@ def evaluate(
     z: Tensor,
     candidates: Tensor,
     previous: Tensor,
-    smoothness_weight: float,
+    settings: Planner,
     discount: float,
     half_range: Tensor,
     score: Score = "reward_q",
 ) -> Tensor:
     """phi of the paper for candidates (M, N, H, 2) from states z (M, latent): (M, N).
 
-    Rewards and the final Q count only as far as the episode is predicted to go on.
+    Rewards and values count only as far as the episode is predicted to go on. With
+    ``settings.values`` "final" the value is that of the policy behind the horizon, as in the paper.
+    With "mean" the return is the mean over k = 1 .. H of the rewards of k steps and the Q behind
+    them, of the candidate's own action for k < H: errors of single values average out, which the
+    best of many candidates would otherwise be chosen for.
     """
     robots, count, horizon, _ = candidates.shape
     z = z[:, None].expand(-1, count, -1)
     total = torch.zeros(robots, count)
     weight = torch.ones(robots, count)
+    returns = []
     for t in range(horizon):
         action = candidates[:, :, t]
+        if t > 0 and settings.values == "mean" and score != "reward":
+            returns.append(total + weight * model.q(z, action).float().mean(dim=0))
         if score != "q":
             reward, end = model.reward_and_end(z, action)
             total = total + weight * reward.float()
             weight = weight * discount * torch.sigmoid(-end.float())
         z = model.next(z, action)
     if score != "reward":
-        total = total + weight * model.q(z, model.act(z)).float().mean(dim=0)
-    return total - smoothness_weight * roughness(candidates, previous, half_range)
+        returns.append(total + weight * model.q(z, model.act(z)).float().mean(dim=0))
+        total = torch.stack(returns).mean(dim=0)
+    return total - settings.smoothness_weight * roughness(candidates, previous, half_range)
 
 
 def roughness(candidates: Tensor, previous: Tensor, half_range: Tensor) -> Tensor:

@@ -43,8 +43,10 @@ def assert_equal_plans(plain, quick):
 
 @pytest.mark.parametrize("score", ["reward_q", "reward", "q"])
 @pytest.mark.parametrize("horizon", [1, 3, 10])
-def test_plans_are_equal_for_every_score_and_horizon(score, horizon):
-    config = load_config().override(SMALL | {"planner.horizon": horizon})
+@pytest.mark.parametrize("values", ["final", "mean"])
+def test_plans_are_equal_for_every_score_and_horizon(score, horizon, values):
+    changes = {"planner.horizon": horizon, "planner.values": values}
+    config = load_config().override(SMALL | changes)
     assert_equal_plans(*both(config, score=score, warm=True))
 
 
@@ -58,12 +60,16 @@ def test_plans_are_equal_for_every_form_of_the_model(dynamics, norm):
 @pytest.mark.parametrize("start", ["previous", "policy"])
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
 def test_plans_are_equal_for_every_share_of_the_policys_candidates(share, start):
-    changes = {"planner.policy_share": share, "planner.start": start}
+    changes = {
+        "planner.policy_share": share, "planner.start": start,
+        "planner.noise_correlation": 0.0 if start == "previous" else 0.8,
+    }  # fmt: skip
     assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
 
 
 def test_plans_are_equal_at_the_full_budget():
-    assert_equal_plans(*both(load_config()))
+    full = {"planner.candidates": 512, "planner.iterations": 6, "planner.elites": 64}
+    assert_equal_plans(*both(load_config().override(full)))
 
 
 def test_plans_are_equal_without_onednn(monkeypatch):
@@ -86,7 +92,8 @@ def test_returns_of_candidates_keep_their_order_over_blocks(monkeypatch):
     model = random_model(config)
     z = model.normalise(torch.ones(1, 32).cumsum(dim=1))
     candidates = torch.rand(50, 4, 2, generator=torch.Generator().manual_seed(3)) * 2 - 1
-    whole = FastPlanner(model).returns(z, candidates, 0.9)
+    arguments = z, candidates, config.planner, 0.9
+    whole = FastPlanner(model).returns(*arguments)
     monkeypatch.setattr(fast, "BLOCK", 7)
-    torch.testing.assert_close(FastPlanner(model, 2).returns(z, candidates, 0.9), whole)
+    torch.testing.assert_close(FastPlanner(model, 2).returns(*arguments), whole)
     assert whole.std() > 1e-3

@@ -26,7 +26,8 @@ import crowdbench
 
 SMALL = {
     "perception.cells": 16, "model.latent": 32, "model.hidden": 24, "model.dynamics_hidden": 40,
-    "planner.smoothness_weight": 0.3, "planner.policy_share": 0.2,
+    "planner.smoothness_weight": 0.3, "planner.policy_share": 0.2, "planner.candidates": 128,
+    "planner.elites": 16,
 }  # fmt: skip
 BUDGET = {"iterations": 2, "candidates": 20, "elites": 5}
 ROBOT = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("multimodal_fast"))
@@ -229,7 +230,7 @@ def test_what_options_leave_open_is_taken_from_the_weights(weights, options, exp
     agent = LatentPlanner(weights=weights, **options)
     agent.reset(ROBOT, 0)
     assert (agent._settings.smoothness_weight, agent._settings.policy_share) == expected
-    assert (agent._settings.candidates, agent._settings.elites) == (512, 64)
+    assert (agent._settings.candidates, agent._settings.elites) == (128, 16)
 
 
 @pytest.mark.parametrize(
@@ -242,7 +243,8 @@ def test_what_options_leave_open_is_taken_from_the_weights(weights, options, exp
         ("smoothness_weight=-1", "smoothness_weight: input should be greater than or equal to 0"),
         ("policy_prior=1", "policy_prior: input should be a valid boolean, got 1"),
         ("score=both", "score: input should be 'reward_q', 'reward' or 'q', got 'both'"),
-        ("candidates=32", r"elites: should be 1 to candidates \(32\), got 64"),
+        ("candidates=32,elites=64", r"elites: should be 1 to candidates \(32\), got 64"),
+        ("values=best", "values: input should be 'final' or 'mean', got 'best'"),
         ("threads=0", "threads: input should be greater than or equal to 1"),
         ("iterations=none", "iterations: input should be a valid integer, got 'none'"),
         ("horzon=3", "no option 'horzon'.*horizon"),

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import evaluate, plan, policy_rollouts, refit, roughness
+from crowdbench_agents.latent_planner.mppi import (
+    correlated,
+    evaluate,
+    plan,
+    policy_rollouts,
+    refit,
+    roughness,
+)
 
 STEP, GAIN = 0.5, 20.0
 HALF = torch.tensor([0.5, 1.5])
@@ -36,7 +43,7 @@ class LinearModel:
 
 
 class Ledger:
-    """R is the action's first component, an end has probability 1/4, and Q is 10 and 14."""
+    """R is the action's first component, an end has probability 1/4, Q is 10 and 14 plus w."""
 
     def next(self, z, action):
         return z
@@ -48,7 +55,7 @@ class Ledger:
         return torch.zeros(*z.shape[:-1], 2)
 
     def q(self, z, action):
-        return torch.stack([torch.full(z.shape[:-1], 10.0), torch.full(z.shape[:-1], 14.0)])
+        return torch.stack([10.0 + action[..., 1], 14.0 + action[..., 1]])
 
 
 def settings(**changes):
@@ -130,22 +137,26 @@ def test_plan_is_a_function_of_the_generators_seed():
 
 
 @pytest.mark.parametrize(
-    ("score", "expected"),
+    ("score", "values", "expected"),
     [
         # rewards 0.4 and -0.2, the second counts 0.9 x 3/4; Q = 12 counts (0.9 x 3/4)^2
-        ("reward_q", 0.4 - 0.2 * 0.675 + 12 * 0.675**2),
-        ("reward", 0.4 - 0.2 * 0.675),
-        ("q", 12.0),
+        ("reward_q", "final", 0.4 - 0.2 * 0.675 + 12 * 0.675**2),
+        ("reward", "final", 0.4 - 0.2 * 0.675),
+        ("q", "final", 12.0),
+        # behind the first step Q is that of the candidate's own action, w = 0.7
+        ("reward_q", "mean", (0.4 + 12.7 * 0.675 + 0.4 - 0.2 * 0.675 + 12 * 0.675**2) / 2),
+        ("reward", "mean", 0.4 - 0.2 * 0.675),
+        ("q", "mean", (12.7 + 12) / 2),
     ],
 )
-def test_score_of_a_fixed_plan_by_hand(score, expected):
-    candidates = torch.tensor([[[[0.4, 0.0], [-0.2, 0.5]]]])
+def test_score_of_a_fixed_plan_by_hand(score, values, expected):
+    candidates = torch.tensor([[[[0.4, 0.0], [-0.2, 0.7]]]])
     arguments = Ledger(), torch.zeros(1, 3), candidates, torch.tensor([[0.2, 0.0]])
-    plain = evaluate(*arguments, 0.0, 0.9, HALF, score)
+    plain = evaluate(*arguments, settings(values=values), 0.9, HALF, score)
     torch.testing.assert_close(plain, torch.tensor([[expected]]))
-    # v changes by 0.1 and -0.3 m/s, w by 0 and 0.75 rad/s
-    smooth = evaluate(*arguments, 2.0, 0.9, HALF, score)
-    penalty = 2.0 * (0.1**2 + 0.3**2 + 0.75**2)
+    # v changes by 0.1 and -0.3 m/s, w by 0 and 1.05 rad/s
+    smooth = evaluate(*arguments, settings(values=values, smoothness_weight=2.0), 0.9, HALF, score)
+    penalty = 2.0 * (0.1**2 + 0.3**2 + 1.05**2)
     torch.testing.assert_close(smooth, torch.tensor([[expected - penalty]]))
 
 
@@ -156,6 +167,15 @@ def test_roughness_is_zero_only_for_what_goes_on_unchanged():
     turned = steady.clone()
     turned[0, 0, 4, 1] += 0.2  # 0.3 rad/s in the last step
     torch.testing.assert_close(roughness(turned, previous, HALF), torch.tensor([[0.09]]))
+
+
+def test_correlated_noise_has_the_variance_and_the_correlation_asked_for():
+    white = torch.randn(200_000, 5, 2, generator=torch.Generator().manual_seed(0))
+    noise = correlated(white, 0.8)
+    for k in range(2):
+        expected = 0.8 ** np.abs(np.subtract.outer(np.arange(5), np.arange(5)))
+        np.testing.assert_allclose(np.cov(noise[..., k].T), expected, atol=0.01)
+    assert torch.equal(correlated(white, 0.0), white)
 
 
 def test_elites_and_nobody_else_move_the_gaussian():
