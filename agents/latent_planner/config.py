@@ -71,9 +71,6 @@ class Planner(_Section):
         description="score: rewards and the Q behind the horizon, or the mean of such returns "
         "over all lengths up to the horizon",
     )
-    noise_correlation: Share = Field(
-        0.0, description="of a candidate's noise from one step to the next (coloured noise, iCEM)"
-    )
     temperature: Positive = Field(0.5, description="of the weights among elites, in Q scales")
     min_std: Positive = Field(0.05, description="of an action normalised to [-1, 1]")
     max_std: Positive = Field(1.0, description="of an action normalised to [-1, 1]")

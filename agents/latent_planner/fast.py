@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import Plan, Score, correlated, refit, roughness
+from crowdbench_agents.latent_planner.mppi import Plan, Score, refit, roughness
 from crowdbench_agents.latent_planner.world_model import ACTION, Mlp, WorldModel
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, linear, silu
@@ -85,8 +85,7 @@ class FastPlanner:
             mean = from_policy[:, 0]
         policy_scores = returns - penalty(from_policy)
         for _ in range(settings.iterations):
-            white = torch.randn(shape, generator=generator)
-            sampled = mean[:, None] + std[:, None] * correlated(white, settings.noise_correlation)
+            sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
             sampled = sampled.clamp(-1, 1)
             scores = self.returns(z, sampled[0], settings, discount, score) - penalty(sampled)
             mean, std, best = refit(

@@ -7,7 +7,6 @@ best of them move the Gaussian.
 
 from __future__ import annotations
 
-import math
 from typing import Literal, NamedTuple
 
 import torch
@@ -74,27 +73,11 @@ def plan(
     if settings.start == "policy" and guided:
         mean = from_policy[:, 0]
     for _ in range(settings.iterations):
-        noise_of_free = correlated(draw(robots, free, horizon, ACTION), settings.noise_correlation)
-        sampled = mean[:, None] + std[:, None] * noise_of_free
+        sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
         candidates = torch.cat([from_policy, sampled.clamp(-1, 1)], dim=1)
         scores = evaluate(model, z, candidates, previous, settings, discount, half_range, score)
         mean, std, best = refit(candidates, scores, settings)
     return Plan(mean, std, best)
-
-
-def correlated(noise: Tensor, correlation: float) -> Tensor:
-    """White noise (..., H, 2) made into one of the same variance that remembers the step before.
-
-    A first-order autoregression in place of the coloured noise of iCEM (Pinneri et al., CoRL 2020,
-    section 3.1). Steady deviations go somewhere, and they cost little smoothness.
-    """
-    if correlation == 0:
-        return noise
-    steps = [noise[..., 0, :]]
-    fresh = math.sqrt(1 - correlation**2)
-    for t in range(1, noise.shape[-2]):
-        steps.append(correlation * steps[-1] + fresh * noise[..., t, :])
-    return torch.stack(steps, dim=-2)
 
 
 def refit(candidates: Tensor, scores: Tensor, settings: Planner) -> Plan:

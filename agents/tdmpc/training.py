@@ -13,7 +13,6 @@ DIFFERENCES = {
     "planner.smoothness_weight": 0.0,
     "planner.start": "previous",
     "planner.values": "final",
-    "planner.noise_correlation": 0.0,
     "planner.max_std": 1.0,
     "planner.temperature": 0.5,
 }

@@ -60,10 +60,7 @@ def test_plans_are_equal_for_every_form_of_the_model(dynamics, norm):
 @pytest.mark.parametrize("start", ["previous", "policy"])
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
 def test_plans_are_equal_for_every_share_of_the_policys_candidates(share, start):
-    changes = {
-        "planner.policy_share": share, "planner.start": start,
-        "planner.noise_correlation": 0.0 if start == "previous" else 0.8,
-    }  # fmt: skip
+    changes = {"planner.policy_share": share, "planner.start": start}
     assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
 
 

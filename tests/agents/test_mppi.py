@@ -5,7 +5,6 @@ import pytest
 import torch
 from crowdbench_agents.latent_planner.config import Planner
 from crowdbench_agents.latent_planner.mppi import (
-    correlated,
     evaluate,
     plan,
     policy_rollouts,
@@ -167,15 +166,6 @@ def test_roughness_is_zero_only_for_what_goes_on_unchanged():
     turned = steady.clone()
     turned[0, 0, 4, 1] += 0.2  # 0.3 rad/s in the last step
     torch.testing.assert_close(roughness(turned, previous, HALF), torch.tensor([[0.09]]))
-
-
-def test_correlated_noise_has_the_variance_and_the_correlation_asked_for():
-    white = torch.randn(200_000, 5, 2, generator=torch.Generator().manual_seed(0))
-    noise = correlated(white, 0.8)
-    for k in range(2):
-        expected = 0.8 ** np.abs(np.subtract.outer(np.arange(5), np.arange(5)))
-        np.testing.assert_allclose(np.cov(noise[..., k].T), expected, atol=0.01)
-    assert torch.equal(correlated(white, 0.0), white)
 
 
 def test_elites_and_nobody_else_move_the_gaussian():
