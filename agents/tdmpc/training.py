@@ -12,7 +12,6 @@ DIFFERENCES = {
     "loss.imitation": 0.0,
     "planner.smoothness_weight": 0.0,
     "planner.start": "previous",
-    "planner.values": "final",
     "planner.max_std": 1.0,
     "planner.temperature": 0.5,
 }
