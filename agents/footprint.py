@@ -35,23 +35,35 @@ def point_gap(x, y, cosine, sine, half_length, half_width, px, py):
 @numba.njit(cache=True)
 def wall_gap(x, y, cosine, sine, half_length, half_width, wall):
     """Distance from a rectangle to a segment (x1, y1, x2, y2) [m]; -1 when they cross."""
-    ex, ey = wall[2] - wall[0], wall[3] - wall[1]
+    ax, ay = _in_frame(x, y, cosine, sine, wall[0], wall[1])
+    bx, by = _in_frame(x, y, cosine, sine, wall[2], wall[3])
+    ex, ey = bx - ax, by - ay
+    enter, leave = 0.0, 1.0  # of the segment, between the rectangle's sides (Liang-Barsky)
+    for start, change, half in ((ax, ex, half_length), (ay, ey, half_width)):
+        if change != 0.0:
+            one, two = (-half - start) / change, (half - start) / change
+            enter, leave = max(enter, min(one, two)), min(leave, max(one, two))
+        elif abs(start) > half:
+            leave = -1.0
+    if enter <= leave:
+        return -1.0
     length2 = max(ex * ex + ey * ey, 1e-12)
     gap = min(
-        point_gap(x, y, cosine, sine, half_length, half_width, wall[0], wall[1]),
-        point_gap(x, y, cosine, sine, half_length, half_width, wall[2], wall[3]),
+        point_gap(0.0, 0.0, 1.0, 0.0, half_length, half_width, ax, ay),
+        point_gap(0.0, 0.0, 1.0, 0.0, half_length, half_width, bx, by),
     )
-    side = ex * (y - wall[1]) - ey * (x - wall[0])
     for i in range(4):
-        ahead = half_length if i % 2 == 0 else -half_length
-        aside = half_width if i < 2 else -half_width
-        cx, cy = x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside
-        t = ((cx - wall[0]) * ex + (cy - wall[1]) * ey) / length2
-        if 0.0 <= t <= 1.0 and side * (ex * (cy - wall[1]) - ey * (cx - wall[0])) < 0.0:
-            return -1.0
-        t = min(1.0, max(0.0, t))
-        gap = min(gap, math.hypot(cx - wall[0] - t * ex, cy - wall[1] - t * ey))
+        cx = half_length if i % 2 == 0 else -half_length
+        cy = half_width if i < 2 else -half_width
+        t = min(1.0, max(0.0, ((cx - ax) * ex + (cy - ay) * ey) / length2))
+        gap = min(gap, math.hypot(cx - ax - t * ex, cy - ay - t * ey))
     return gap
+
+
+@numba.njit(cache=True)
+def _in_frame(x, y, cosine, sine, px, py):
+    dx, dy = px - x, py - y
+    return cosine * dx + sine * dy, cosine * dy - sine * dx
 
 
 @numba.njit(cache=True)
