@@ -3,7 +3,8 @@
 The floor is the time of the matrix products alone that the straightforward form needs at the
 paper's full budget (512 candidates, 6 iterations, H = 6): whatever else a planner does comes on
 top, unless it needs fewer products or faster ones. Everything is measured in one process, in turn,
-repeat by repeat, so that ratios hold on a busy machine too; printed are medians.
+repeat by repeat, so that ratios hold on a busy machine too; printed are medians. The line "as
+configured" is the planner with the settings of its weights, which plan less.
 
     python benchmarks/planner.py [--repeats 30] [--weights FILE] [--sac-weights FILE]
 
@@ -37,7 +38,7 @@ from torch import nn
 
 import crowdbench
 
-BUDGET = {"horizon": 6, "iterations": 6, "candidates": 512, "elites": 64}
+BUDGET = {"horizon": 6, "iterations": 6, "candidates": 512, "elites": 64, "values": "final"}
 SCENARIO = "multimodal_fast"
 
 
@@ -155,10 +156,11 @@ def measure(weights: Path, sac_weights: Path, repeats: int, console: Console) ->
         "plan, plain form": (lambda: plan(model, *arguments, generator), 1),
         "plan, fast form, 1 thread": (lambda: forms[1].plan(*arguments, generator), 1),
         "plan, fast form, 2 threads": (lambda: forms[2].plan(*arguments, generator), 1),
-        "act, E = 1, 1 thread": (agent(threads=1), 1),
-        "act, E = 1, 2 threads": (agent(threads=2), 1),
-        "act, E = 6, per step, 1 thread": (agent(threads=1, execute=6), 6),
-        "act, E = 6, per step, 2 threads": (agent(threads=2, execute=6), 6),
+        "act, E = 1, 1 thread": (agent(threads=1, **BUDGET), 1),
+        "act, E = 1, 2 threads": (agent(threads=2, **BUDGET), 1),
+        "act, E = 6, per step, 1 thread": (agent(threads=1, execute=6, **BUDGET), 6),
+        "act, E = 6, per step, 2 threads": (agent(threads=2, execute=6, **BUDGET), 6),
+        "act, E = 1, 1 thread, as configured": (agent(threads=1), 1),
         "act, policy only": (agent(use_mppi=False), 6),
         "act, SAC": (Driver(Sac(weights=str(sac_weights)), seen), 6),
     }

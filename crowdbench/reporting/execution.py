@@ -14,8 +14,9 @@ from crowdbench.reporting.plan import CHEAP, COSTLY, STORY, Cell, cells
 from crowdbench.reporting.sessions import Account
 from crowdbench.scenario import load_scenario
 
-PASSES = (1, COSTLY, CHEAP)
-"""Seeds below the first limit run first, in every cell: then all speeds are known."""
+PASSES = (1, COSTLY // 2, COSTLY, CHEAP)
+"""Seeds below the first limit run first, in every cell: then all speeds are known. Then as much in
+every cell before more in any, so that a run that is cut short has something in all of them."""
 OVERHEAD = 0.001
 """Time of a step outside the agent until it has been measured [s]."""
 
