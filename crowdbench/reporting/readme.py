@@ -39,6 +39,9 @@ _READING = """\
 - Straight line is the floor, what one gets without planning. Informed knows everybody's position,
   speed and intention and is the ceiling, not a competitor.
 - The paper timed inference on a GPU, we on the processor named below, one thread per planner.
+- Ours and the TD-MPC-style planner search as their weights say, with fewer candidates than in the
+  paper and another score ([docs/decisions.md](../docs/decisions.md)). For how long each learned
+  agent was trained, which is not the same for all, see their cards in [agents](../agents).
 """
 
 
