@@ -48,7 +48,7 @@ class LatentPlanner(LearnedAgent):
         weights: name of shipped weights, or path of a ``.safetensors`` file; None takes the
             agent's own.
         iterations: MPPI's (6 in the paper). This and the next three are by default those of the
-            weights' configuration.
+            weights' configuration; with fewer candidates than elites all are elites.
         candidates: per iteration, those of the policy included (512 in the paper).
         elites: candidates that the next iteration's Gaussian is fitted to (64 in the paper).
         values: "final", the paper's score, with the Q behind the horizon; or "mean", the mean of
@@ -127,7 +127,6 @@ class LatentPlanner(LearnedAgent):
         if not options.policy_prior:
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)
-        _check_elites(self._settings.elites, self._settings.candidates)
         if options.use_mppi:
             self._planner = FastPlanner(model, options.threads or torch.get_num_threads())
         return model, config
@@ -183,11 +182,8 @@ def _checked(**values: object) -> Options:
         raise ValueError(
             f"execute: should be 1 to horizon ({options.horizon}), got {options.execute}"
         )
-    if options.elites is not None and options.candidates is not None:
-        _check_elites(options.elites, options.candidates)
+    if None not in (options.elites, options.candidates) and options.elites > options.candidates:
+        raise ValueError(
+            f"elites: should be 1 to candidates ({options.candidates}), got {options.elites}"
+        )
     return options
-
-
-def _check_elites(elites: int, candidates: int) -> None:
-    if elites > candidates:
-        raise ValueError(f"elites: should be 1 to candidates ({candidates}), got {elites}")
