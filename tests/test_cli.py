@@ -80,6 +80,15 @@ def complaint(capsys, *arguments) -> str:
     return captured.err.strip()
 
 
+def test_what_was_stored_before_is_said_to_be(place, tmp_path, capsys):
+    options = ["--scenario", f"{place}/tiny.yaml", "--results", str(tmp_path), "-j", "1"]
+    command = ["run", *options, "-a", "straight_line", "-n"]
+    assert main([*command, "4"]) == 0
+    assert "not run again" not in capsys.readouterr().err
+    assert main([*command, "6"]) == 0
+    assert "4 of 6 episodes were in" in " ".join(capsys.readouterr().err.split())
+
+
 def test_help_names_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
