@@ -20,14 +20,19 @@ def advance(x, y, heading, v, w, duration):
 
 
 @numba.njit(cache=True)
+def _in_frame(x, y, cosine, sine, px, py):
+    dx, dy = px - x, py - y
+    return cosine * dx + sine * dy, cosine * dy - sine * dx
+
+
+@numba.njit(cache=True)
 def point_gap(x, y, cosine, sine, half_length, half_width, px, py):
     """Signed distance from a rectangle at (x, y) with heading (cosine, sine) to a point [m].
 
     Negative inside. Subtract a radius for the gap to a disc.
     """
-    dx, dy = px - x, py - y
-    ahead = abs(cosine * dx + sine * dy) - half_length
-    aside = abs(cosine * dy - sine * dx) - half_width
+    ahead, aside = _in_frame(x, y, cosine, sine, px, py)
+    ahead, aside = abs(ahead) - half_length, abs(aside) - half_width
     outside = math.hypot(max(ahead, 0.0), max(aside, 0.0))
     return outside + min(max(ahead, aside), 0.0)
 
@@ -58,12 +63,6 @@ def wall_gap(x, y, cosine, sine, half_length, half_width, wall):
         t = min(1.0, max(0.0, ((cx - ax) * ex + (cy - ay) * ey) / length2))
         gap = min(gap, math.hypot(cx - ax - t * ex, cy - ay - t * ey))
     return gap
-
-
-@numba.njit(cache=True)
-def _in_frame(x, y, cosine, sine, px, py):
-    dx, dy = px - x, py - y
-    return cosine * dx + sine * dy, cosine * dy - sine * dx
 
 
 @numba.njit(cache=True)

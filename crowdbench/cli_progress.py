@@ -62,3 +62,13 @@ class ProgressBar:
             markup=False,
             soft_wrap=True,
         )
+
+    def say_stored(self, folder: Path) -> None:
+        """Say which episodes were not run because they were there, if any."""
+        if self._latest.stored:
+            self._console.print(
+                f"{self._latest.stored} of {self._latest.total} episodes were in {folder} before "
+                "and were not run again; with another --results they are.",
+                markup=False,
+                soft_wrap=True,
+            )

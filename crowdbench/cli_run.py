@@ -17,15 +17,12 @@ from crowdbench.cli_common import (
     ResultsOption,
     SetOption,
     UserError,
-    err,
     out,
 )
 from crowdbench.scenario import load_scenario, nearest, parse_overrides
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from crowdbench.evaluation.runner import Progress
 
 RESULTS = Path("results")
 
@@ -74,14 +71,7 @@ def run(
     specs = {str(spec): spec for spec in map(AgentSpec.parse, agent or [DEFAULT_AGENT])}
     seeds = range(seed, seed + episodes)
     tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
-    total, stored = sum(len(task.seeds) for task in tasks), 0
-
-    def update(progress: Progress) -> None:
-        nonlocal stored
-        stored = progress.stored
-        bar.update(progress)
-
-    with ProgressBar(total, quiet=as_json) as bar:
+    with ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar:
         try:
             cells = run_tasks(
                 tasks,
@@ -89,7 +79,7 @@ def run(
                 jobs=jobs,
                 limits=Limits(step=step_limit),
                 save_trajectories=save_trajectories,
-                on_progress=update,
+                on_progress=bar.update,
             )
         except KeyboardInterrupt:
             bar.say_interrupted(results)
@@ -104,13 +94,7 @@ def run(
         typer.echo(json.dumps(as_document(store, rows), allow_nan=False))
     else:
         print_tables(out(), store, rows)
-        if stored:
-            err().print(
-                f"{stored} of {total} episodes were in {results} before and were not run again; "
-                "with another --results they are.",
-                markup=False,
-                soft_wrap=True,
-            )
+        bar.say_stored(results)
 
 
 def compare(

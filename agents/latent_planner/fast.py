@@ -117,14 +117,13 @@ class FastPlanner:
             (1, N).
         """
         count, horizon, _ = candidates.shape
-        every = settings.values == "mean"
         blocks = candidates.chunk(-(-count // BLOCK)) if count else ()
         start = self._start(z)
 
         def roll(block: Tensor) -> Tensor:
             with torch.no_grad():  # each thread has its own such setting
                 return self._roll(
-                    start, lambda t, _: block[:, t], len(block), horizon, every, discount, score
+                    start, lambda t, _: block[:, t], len(block), horizon, settings, discount, score
                 )
 
         run = map if self._pool is None else self._pool.map
@@ -141,8 +140,7 @@ class FastPlanner:
             actions[:, t] = self._model.sample(z, noise[:, t])[0]
             return actions[:, t]
 
-        every = settings.values == "mean"
-        returns = self._roll(self._start(z), act, count, horizon, every, discount, score)
+        returns = self._roll(self._start(z), act, count, horizon, settings, discount, score)
         return actions[None], returns[None]
 
     def _start(self, z: Tensor) -> _Start:
@@ -154,21 +152,23 @@ class FastPlanner:
         act: Act,
         count: int,
         horizon: int,
-        every: bool,
+        settings: Planner,
         discount: float,
         score: Score,
     ) -> Tensor:
         """Returns (N,) of N = ``count`` candidates from the same state.
 
-        With ``every``, the mean of those with a value behind each step, as in ``mppi.evaluate``.
+        With ``settings.values`` "mean", the mean of those with a value behind each step, as in
+        ``mppi.evaluate``.
         """
+        every = settings.values == "mean" and score != "reward"
         outcomes, values = [], []
         z = start.z.expand(count, -1)
         for t in range(horizon):
             action = act(t, z)
             first = t == 0
             inputs = action if first else torch.cat([z, action], dim=1)
-            if every and not first and score != "reward":
+            if every and not first:
                 values.append(self._value(inputs))
             if score != "q":
                 outcomes.append(self._outcome(inputs, start.outcome if first else None))

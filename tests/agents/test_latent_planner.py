@@ -26,8 +26,8 @@ import crowdbench
 
 SMALL = {
     "perception.cells": 16, "model.latent": 32, "model.hidden": 24, "model.dynamics_hidden": 40,
-    "planner.smoothness_weight": 0.3, "planner.policy_share": 0.2, "planner.candidates": 128,
-    "planner.elites": 16,
+    "planner.smoothness_weight": 0.3, "planner.policy_share": 0.2, "planner.candidates": 120,
+    "planner.elites": 12,
 }  # fmt: skip
 BUDGET = {"iterations": 2, "candidates": 20, "elites": 5}
 ROBOT = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("multimodal_fast"))
@@ -224,13 +224,16 @@ def test_every_row_of_the_papers_tables_can_be_run(weights, row):
         ({}, (0.3, 0.2)),
         ({"smoothness_weight": 0}, (0.0, 0.2)),
         ({"policy_prior": False}, (0.3, 0.0)),
+        ({"values": "final"}, (0.3, 0.2)),
     ],
 )
 def test_what_options_leave_open_is_taken_from_the_weights(weights, options, expected):
     agent = LatentPlanner(weights=weights, **options)
     agent.reset(ROBOT, 0)
     assert (agent._settings.smoothness_weight, agent._settings.policy_share) == expected
-    assert (agent._settings.candidates, agent._settings.elites) == (128, 16)
+    # not those of config.yaml
+    assert (agent._settings.candidates, agent._settings.elites) == (120, 12)
+    assert agent._settings.values == options.get("values", "mean")
 
 
 @pytest.mark.parametrize(

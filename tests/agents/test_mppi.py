@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import (
-    evaluate,
-    plan,
-    policy_rollouts,
-    refit,
-    roughness,
-)
+from crowdbench_agents.latent_planner.mppi import evaluate, plan, policy_rollouts, refit, roughness
 
 STEP, GAIN = 0.5, 20.0
 HALF = torch.tensor([0.5, 1.5])

@@ -67,6 +67,12 @@ def test_tasks_cover_the_plan_once_and_time_every_agent_first():
     assert all(list(task.seeds) == [0] for task in first)
 
 
+def test_no_cell_gets_its_second_fifty_episodes_before_all_have_their_first():
+    tasks = execution._tasks(cells())
+    late = next(i for i, task in enumerate(tasks) if max(task.seeds) >= 50)
+    assert sum(len(task.seeds) for task in tasks[:late]) == 50 * len(cells())
+
+
 def test_agents_that_cannot_be_made_are_named_and_left_out():
     outlook = look([Cell("unimodal_slow", "straight_line", 1), Cell("unimodal_slow", "nobody", 1)])
     assert outlook.weights == {"straight_line": ""}
