@@ -20,12 +20,17 @@ if TYPE_CHECKING:
 
 
 class LearnedAgent(crowdbench.Agent):
-    """An agent with a weights file, which is found at once and loaded at the first reset.
+    """An agent with a weights file, which is found and looked into at once, so that an unusable one
+    is refused before anything runs, and loaded at the first reset.
 
     PyTorch is imported when an agent is made, not with this module.
 
     Args:
         weights: name of shipped weights, or path of a ``.safetensors`` file.
+
+    Raises:
+        ValueError: there are none of that name.
+        WeightsError: unreadable, or of other networks.
     """
 
     trainer: ClassVar[str]
@@ -34,11 +39,16 @@ class LearnedAgent(crowdbench.Agent):
     """Where shipped weights are."""
 
     def __init__(self, weights: str) -> None:
-        from crowdbench_agents.latent_planner.weights import file_digest
+        from crowdbench_agents.latent_planner.weights import file_digest, read_metadata
 
         self._path = self._find(weights)
+        read_metadata(self._path, self._form())
         self.weights_sha256 = file_digest(self._path)
         self._network: Any = None
+
+    @abstractmethod
+    def _form(self) -> str:
+        """Which networks the weights have to be of."""
 
     @abstractmethod
     def _load(self, path: Path) -> tuple[Any, Config]:
@@ -48,7 +58,7 @@ class LearnedAgent(crowdbench.Agent):
         """Load the weights if this has not been done, and forget the last episode.
 
         Raises:
-            WeightsError: damaged, of other networks, or changed since the agent was made.
+            WeightsError: damaged, or changed since the agent was made.
         """
         import torch
         from crowdbench_agents.latent_planner.weights import WeightsError, file_digest

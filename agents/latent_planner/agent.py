@@ -115,6 +115,11 @@ class LatentPlanner(LearnedAgent):
         """Return the number of plans made."""
         return {"plans": float(self._plans)}
 
+    def _form(self) -> str:
+        from crowdbench_agents.latent_planner.weights import FORMAT
+
+        return FORMAT
+
     def _load(self, path: Path) -> tuple[WorldModel, Config]:
         import torch
         from crowdbench_agents.latent_planner.config import Planner

@@ -12,12 +12,22 @@ from typing import Annotated, Any, Literal
 
 import yaml
 from crowdbench_agents.perception import MapGeometry
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
+
+FINAL_LEARNING_RATE = 0.05
+"""Share of the learning rates that is left after their decay."""
 
 
 class ConfigError(ValueError):
@@ -107,8 +117,6 @@ class Training(_Section):
 
     environments: Count = Field(32, description="stepped together")
     planning_environments: int = Field(16, ge=0, description="in which MPPI acts")
-    planning_candidates: Count = Field(128)
-    planning_iterations: Count = Field(3)
     epsilon_start: Share = Field(0.5)
     epsilon_end: Share = Field(0.05)
     epsilon_decisions: Count = Field(25_000)
@@ -123,6 +131,9 @@ class Training(_Section):
     reward_scale: Positive = Field(1.0, description="factor on the environment's rewards")
     learning_rate_model: Positive = Field(1e-4, description="encoder and dynamics")
     learning_rate: Positive = Field(3e-4, description="the other networks")
+    learning_rate_decay: tuple[int, int] | None = Field(
+        None, description="updates between which both rates fall linearly to a twentieth"
+    )
     gradient_clip: Positive = Field(10.0)
     target_rate: Share = Field(0.01, description="of the slow target parameters, per update")
     teacher: str = Field("informed", description="agent that demonstrates and labels")
@@ -144,6 +155,13 @@ class Training(_Section):
             raise ValueError("planning_environments + taught_environments exceed environments")
         return self
 
+    @field_validator("learning_rate_decay")
+    @classmethod
+    def _decay_has_a_length(cls, value: tuple[int, int] | None) -> tuple[int, int] | None:
+        if value is not None and not 0 <= value[0] < value[1]:
+            raise ValueError("expected two counts of updates, the second above the first")
+        return value
+
 
 class Config(_Section):
     """Everything about a latent planner and its training."""
@@ -158,6 +176,14 @@ class Config(_Section):
         """Weight of the imitation of the teacher after some updates."""
         loss, done = self.loss, min(1.0, updates / self.training.teaching_updates)
         return loss.teaching + done * (loss.teaching_end - loss.teaching)
+
+    def learning_rate_factor(self, updates: int) -> float:
+        """Factor on both learning rates after some updates."""
+        if self.training.learning_rate_decay is None:
+            return 1.0
+        first, last = self.training.learning_rate_decay
+        done = min(1.0, max(0.0, (updates - first) / (last - first)))
+        return 1.0 + done * (FINAL_LEARNING_RATE - 1.0)
 
     def override(self, changes: Mapping[str, Any]) -> Config:
         """Return a copy with some fields replaced, e.g. ``{"planner.horizon": 3}``.

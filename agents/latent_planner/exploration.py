@@ -57,15 +57,7 @@ class Explorer:
         self._exploring = np.zeros(count, bool)
         self._noise = np.zeros((count, 2))
         self._last = torch.zeros(count, 2)
-        training = config.training
-        self._planning = np.arange(count) < training.planning_environments
-        self._budget = config.planner.model_copy(
-            update={
-                "candidates": training.planning_candidates,
-                "iterations": training.planning_iterations,
-                "elites": max(4, training.planning_candidates // 8),
-            }
-        )
+        self._planning = np.arange(count) < config.training.planning_environments
 
     @property
     def epsilon(self) -> float:
@@ -119,8 +111,8 @@ class Explorer:
             steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
             warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
             self._plans[due] = plan(
-                self._model, z[due], self._last[due], self._budget, self._config.loss.discount,
-                self._half, self.generator, warm_start,
+                self._model, z[due], self._last[due], self._config.planner,
+                self._config.loss.discount, self._half, self.generator, warm_start,
             ).actions  # fmt: skip
             self._at[due] = 0
 

@@ -55,6 +55,10 @@ class Learner:
             "policy": torch.optim.Adam(self._policy_parameters, lr=rates.learning_rate, fused=True),
             "alpha": torch.optim.Adam([self.log_alpha], lr=rates.learning_rate),
         }
+        self._rates = {
+            name: [group["lr"] for group in optimizer.param_groups]
+            for name, optimizer in self._optimizers.items()
+        }
 
     @property
     def alpha(self) -> float:
@@ -72,6 +76,7 @@ class Learner:
         """
         loss = self.config.loss
         teaching = self.config.teaching(self.updates)
+        self._set_learning_rates()
         batch = batch._replace(reward=batch.reward * self.config.training.reward_scale)
         with self.precision():
             result = model_loss(
@@ -146,6 +151,12 @@ class Learner:
             self.log_alpha.copy_(state["log_alpha"])
         self.q_scale, self.updates = state["q_scale"], state["updates"]
         self.generator.set_state(state["generator"])
+
+    def _set_learning_rates(self) -> None:
+        factor = self.config.learning_rate_factor(self.updates)
+        for name, optimizer in self._optimizers.items():
+            for group, rate in zip(optimizer.param_groups, self._rates[name], strict=True):
+                group["lr"] = rate * factor
 
     def _noise(self, shape: torch.Size) -> Tensor:
         return torch.randn(shape, generator=self.generator)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.crowds import Crowds, Sensed
-from crowdbench_agents.latent_planner.mppi import plan
-from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
+from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
 from crowdbench_agents.perception import MapGeometry
 from numpy.typing import NDArray
 
@@ -19,8 +17,25 @@ import crowdbench
 FIRST_SEED = 900_000
 ENVIRONMENTS = 64
 
-Act = Callable[[Sensed, NDArray[np.float32]], NDArray[np.float32]]
-"""Observations and current (v, w) in [-1, 1] of N environments -> actions (N, 2) in [-1, 1]."""
+
+class Moment(NamedTuple):
+    """What N robots decide on.
+
+    Attributes:
+        sensed: their observations.
+        velocity: (N, 2) their (v, w) in [-1, 1].
+        place: (N,) number of each one's environment, in which episodes follow each other.
+        steps: (N,) taken so far in the episode.
+    """
+
+    sensed: Sensed
+    velocity: NDArray[np.float32]
+    place: NDArray[np.int64]
+    steps: NDArray[np.int64]
+
+
+Act = Callable[[Moment], NDArray[np.float32]]
+"""Actions (N, 2) in [-1, 1] of N robots."""
 
 
 class Validation(NamedTuple):
@@ -43,27 +58,32 @@ class Validation(NamedTuple):
 
 
 def validate(
-    act: Act, geometry: MapGeometry, episodes: int, scenarios: list[str] | None = None
+    act: Act,
+    geometry: MapGeometry,
+    episodes: int,
+    scenarios: Sequence[str] | None = None,
+    first_seed: int = FIRST_SEED,
 ) -> Validation:
-    """Run the first validation seeds of each scenario.
+    """Run some validation seeds of each scenario.
 
     Args:
         act: the agent, for many environments at once.
         geometry: of the obstacle maps.
         episodes: per scenario.
         scenarios: all by default.
+        first_seed: the others follow it.
     """
     names = scenarios or crowdbench.scenario_names()
-    crowds = Crowds(min(ENVIRONMENTS, len(names) * episodes), _all(names, episodes), geometry)
-    bounds: ActionBounds = crowds.bounds
+    wanted = ((name, first_seed + number) for number in range(episodes) for name in names)
+    crowds = Crowds(min(ENVIRONMENTS, len(names) * episodes), wanted, geometry)
     running = crowds.begin(np.arange(crowds.count))
     success = {name: [] for name in names}
     changes, seconds = [], []
     steps = np.zeros(crowds.count, np.int64)
     while len(running):
         sensed = Sensed(*(x[running] for x in crowds.sensed))
-        before = bounds.normalised(sensed.velocity).astype(np.float32)
-        action = bounds.physical(act(sensed, before))
+        velocity = crowds.bounds.normalised(sensed.velocity).astype(np.float32)
+        action = crowds.bounds.physical(act(Moment(sensed, velocity, running, steps[running])))
         moving = steps[running] > 0
         changes.append(np.square(action - sensed.velocity).sum(axis=-1)[moving])
         result = crowds.step(running, action)
@@ -87,30 +107,7 @@ def policy_act(model: WorldModel) -> Act:
     """Act by the policy alone, without noise."""
 
     @torch.no_grad()
-    def act(sensed: Sensed, before: NDArray[np.float32]) -> NDArray[np.float32]:
-        return model.act(model.encode(Inputs(*map(torch.from_numpy, sensed)))).numpy()
+    def act(moment: Moment) -> NDArray[np.float32]:
+        return model.act(model.encode(Inputs(*map(torch.from_numpy, moment.sensed)))).numpy()
 
     return act
-
-
-def planner_act(model: WorldModel, config: Config, bounds: ActionBounds) -> Act:
-    """Act by MPPI, planning anew at each step, without warm start."""
-    generator = torch.Generator().manual_seed(0)
-    half = torch.from_numpy(bounds.half)
-
-    @torch.no_grad()
-    def act(sensed: Sensed, before: NDArray[np.float32]) -> NDArray[np.float32]:
-        z = model.encode(Inputs(*map(torch.from_numpy, sensed)))
-        result = plan(
-            model, z, torch.from_numpy(before), config.planner, config.loss.discount, half,
-            generator,
-        )  # fmt: skip
-        return result.actions[:, 0].numpy()
-
-    return act
-
-
-def _all(names: list[str], episodes: int) -> Iterator[tuple[str, int]]:
-    for number in range(episodes):
-        for name in names:
-            yield name, FIRST_SEED + number

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -51,24 +53,41 @@ def load_tensors(path: Path, form: str) -> tuple[dict[str, Tensor], Config, dict
     Raises:
         WeightsError: missing, damaged or of another kind.
     """
+    config, training, digest = read_metadata(path, form)
+    with _opened(path) as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    if digest != tensor_digest(tensors):
+        raise WeightsError(f"weights {path} are damaged: their hash does not match their content")
+    return tensors, config, training
+
+
+def read_metadata(path: Path, form: str) -> tuple[Config, dict[str, Any], str | None]:
+    """Read the configuration of tensors, how they were trained, and the hash of their content.
+
+    Raises:
+        WeightsError: missing, unreadable or of another kind.
+    """
     if not path.is_file():
         raise WeightsError(f"weights {path} do not exist; `crowdbench train` makes them")
-    try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except Exception as error:  # the library raises its own type, OSError or ValueError
-        raise WeightsError(f"weights {path} are damaged ({error})") from error
+    with _opened(path) as file:
+        metadata = file.metadata() or {}
     if metadata.get("format") != form:
         raise WeightsError(f"weights {path} are {metadata.get('format')!r}, expected {form!r}")
-    if metadata.get("sha256") != tensor_digest(tensors):
-        raise WeightsError(f"weights {path} are damaged: their hash does not match their content")
     try:
         config = parse_config(json.loads(metadata["config"]), source=f"configuration in {path}")
         training = json.loads(metadata["training"])
     except (KeyError, json.JSONDecodeError, ConfigError) as error:
         raise WeightsError(f"weights {path}: unusable metadata ({error})") from error
-    return tensors, config, training
+    return config, training, metadata.get("sha256")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            yield file
+    except Exception as error:  # the library raises its own type, OSError or ValueError
+        raise WeightsError(f"weights {path} are damaged ({error})") from error
 
 
 def load_world_model(path: str | Path) -> tuple[WorldModel, Config]:

@@ -32,6 +32,11 @@ class Sac(LearnedAgent):
         actor: SacActor = self._network
         return actor(inputs)[0].numpy()
 
+    def _form(self) -> str:
+        from crowdbench_agents.sac.networks import FORMAT
+
+        return FORMAT
+
     def _load(self, path: Path) -> tuple[SacActor, Config]:
         from crowdbench_agents.sac.networks import load_actor
 

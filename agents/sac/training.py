@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config, load_config
-from crowdbench_agents.latent_planner.crowds import Crowds, Sensed, worlds_digest
+from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
 from crowdbench_agents.latent_planner.demonstrations import Teachers, load_demonstrations
 from crowdbench_agents.latent_planner.learner import TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
@@ -30,7 +30,7 @@ from crowdbench_agents.latent_planner.training import (
     check_folder,
     load_checkpoint,
 )
-from crowdbench_agents.latent_planner.validation import validate
+from crowdbench_agents.latent_planner.validation import Moment, validate
 from crowdbench_agents.latent_planner.weights import save_weights
 from crowdbench_agents.latent_planner.world_model import Inputs
 from crowdbench_agents.sac.adapters import CrowdReplay, CrowdVecEnv, MapFeatures
@@ -130,6 +130,9 @@ class SacRun:
             device="cpu",
         )  # fmt: skip
         self.model.set_logger(Logger(None, []))
+        self.model.lr_schedule = lambda _progress: (
+            settings.learning_rate * config.learning_rate_factor(self.model._n_updates)
+        )
         self.model.actor.optimizer.register_step_pre_hook(lambda *_: self.imitate())
         self.seconds, self.best = 0.0, -1.0
 
@@ -181,8 +184,8 @@ class SacRun:
         """Success of the actor on validation seeds; keeps the best."""
         actor = self.actor()
 
-        def act(sensed: Sensed, before: np.ndarray) -> np.ndarray:
-            return actor(Inputs(*map(torch.from_numpy, sensed))).numpy()
+        def act(moment: Moment) -> np.ndarray:
+            return actor(Inputs(*map(torch.from_numpy, moment.sensed))).numpy()
 
         settings = self.config.training
         result = validate(act, self.config.perception.geometry, settings.validation_episodes)

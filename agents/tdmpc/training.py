@@ -14,9 +14,12 @@ DIFFERENCES = {
     "planner.start": "previous",
     "planner.max_std": 1.0,
     "planner.temperature": 0.5,
+    "planner.policy_share": 0.1,
+    "planner.candidates": 128,
+    "planner.iterations": 3,
 }
-"""No imitation of the planner and no smoothness term, and planning starts from the previous plan,
-as in TD-MPC; the social reward is left out as well."""
+"""No imitation of the planner and no smoothness term, and planning is a wide search from the
+previous plan, as in TD-MPC; the social reward is left out as well."""
 
 
 def train(

@@ -278,6 +278,15 @@ def test_weights_that_change_or_break_are_refused_at_the_reset(weights, tmp_path
         LatentPlanner(weights=str(path)).reset(ROBOT, 0)
 
 
+@pytest.mark.parametrize("content", [b"", b"no weights at all"])
+def test_a_file_without_weights_is_refused_before_anything_runs(content, tmp_path):
+    path = tmp_path / "w.safetensors"
+    path.write_bytes(content)
+    for agent in ("latent_planner", "sac", "tdmpc"):
+        with pytest.raises(crowdbench.AgentError, match=r"w\.safetensors are damaged"):
+            crowdbench.AgentSpec.parse(f"{agent}:weights={path}").make()
+
+
 def test_tdmpc_is_the_same_code_with_weights_of_its_own(weights):
     options = dict(weights=weights, **BUDGET)
     np.testing.assert_array_equal(drive(Tdmpc(**options), 3), drive(LatentPlanner(**options), 3))

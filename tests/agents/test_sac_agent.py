@@ -77,7 +77,7 @@ def test_weights_of_another_agent_are_refused(tmp_path):
     model = WorldModel(CONFIG.model, 16)
     save_weights(path, model.state_dict(), CONFIG, {}, WORLD_MODEL)
     with pytest.raises(WeightsError, match="'crowdbench-world-model-1', expected 'crowdbench-sac"):
-        Sac(weights=str(path)).reset(ROBOT, 0)
+        Sac(weights=str(path))
 
 
 def test_missing_weights_say_how_to_make_them():

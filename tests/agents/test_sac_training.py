@@ -78,6 +78,18 @@ def test_without_taught_environments_nobody_advises(in_empty_folder):
     assert not run.replay._data.source.any()
 
 
+def test_learning_rates_fall_as_those_of_the_other_agents_do(in_empty_folder):
+    changes = {"training.learning_rate": 1e-3, "training.learning_rate_decay": [10, 20]}
+    config = load_config().override(TINY | changes)
+    run = SacRun(in_empty_folder / "run", config, seed=0, social=True, facts={})
+    model = run.model
+    for updates, rate in ((0, 1e-3), (15, 5.25e-4), (30, 5e-5)):
+        model._n_updates = updates
+        model.train(1, BATCH)
+        for optimizer in (model.actor.optimizer, model.critic.optimizer, model.ent_coef_optimizer):
+            assert [g["lr"] for g in optimizer.param_groups] == pytest.approx([rate])
+
+
 def test_a_run_trains_stops_and_goes_on(in_empty_folder):
     folder = train("short", steps=100, overrides=TINY)
     train("short", steps=160, resume=True, overrides=TINY)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from crowdbench_agents.latent_planner.config import Config, Loss, load_config
+from crowdbench_agents.latent_planner.config import Config, ConfigError, Loss, load_config
 from crowdbench_agents.latent_planner.crowds import Sensed
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
@@ -30,7 +30,7 @@ TINY = {
     "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "model.dynamics_hidden": 32,
     "training.environments": 4, "training.planning_environments": 2,
     "training.taught_environments": 1,
-    "training.planning_candidates": 8, "training.planning_iterations": 1, "training.batch": 8,
+    "planner.candidates": 8, "planner.iterations": 1, "planner.elites": 4, "training.batch": 8,
     "training.replay": 2000, "training.warmup": 60, "training.demonstrations": 0,
     "training.pretraining": 0, "training.validation_episodes": 1, "planner.horizon": 3,
     "training.bfloat16": False,
@@ -196,6 +196,24 @@ def test_a_restored_learner_goes_on_as_if_nothing_had_happened(tmp_path):
     assert (second.updates, second.alpha) == (straight.updates, straight.alpha)
 
 
+def test_learning_rates_fall_between_two_counts_of_updates():
+    rates = {"training.learning_rate_model": 1e-3, "training.learning_rate": 2e-3}
+    learner = Learner(tiny(**rates, **{"training.learning_rate_decay": [2, 4]}), seed=0)
+    seen = []
+    for seed in range(6):
+        learner.update(sequences(3, 8, seed))
+        groups = [g for o in learner.state()["optimizers"].values() for g in o["param_groups"]]
+        seen.append([group["lr"] for group in groups])
+    first, half, last = [1e-3, 2e-3, 2e-3, 2e-3], [5.25e-4] + 3 * [1.05e-3], [5e-5] + 3 * [1e-4]
+    np.testing.assert_allclose(seen, [first, first, first, half, last, last])
+
+
+@pytest.mark.parametrize("decay", [[4, 4], [5, 4], [-1, 4], [3]])
+def test_a_decay_without_length_is_refused(decay):
+    with pytest.raises(ConfigError, match=r"training\.learning_rate_decay"):
+        tiny(**{"training.learning_rate_decay": decay})
+
+
 def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
     config = Config()
     learner = Learner(tiny(), seed=0)
@@ -231,12 +249,12 @@ def test_the_mixture_draws_what_fails_more_often_and_training_seeds_only():
 
 
 def test_validation_counts_arrivals():
-    def towards_goal(sensed, before):
-        bearing = np.arctan2(sensed.goal[:, 1], sensed.goal[:, 0])
+    def towards_goal(moment):
+        bearing = np.arctan2(moment.sensed.goal[:, 1], moment.sensed.goal[:, 0])
         return np.stack([np.ones(len(bearing)), np.clip(bearing, -1, 1)], axis=-1)
 
-    def stand(sensed, before):
-        return np.tile(np.array([-1.0, 0.0], np.float32), (len(before), 1))
+    def stand(moment):
+        return np.tile(np.array([-1.0, 0.0], np.float32), (len(moment.place), 1))
 
     geometry = MapGeometry(16, 6.0, 4.0)
     moving = validate(towards_goal, geometry, 3, ["unimodal_slow"])

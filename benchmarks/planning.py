@@ -1,0 +1,111 @@
+"""Which settings of the planner drive best? Success on validation seeds, many robots at once.
+
+Every form is the settings of the weights with some of them replaced, or "policy", which drives
+without planning. Plans are made by the plain form of the planner for all robots together and
+under bfloat16, so figures are those of `crowdbench run` up to rounding and random draws.
+
+    python benchmarks/planning.py runs/latent_planner/best.safetensors policy \\
+        temperature=0.1,smoothness_weight=0.1 start=previous,max_std=1,execute=6
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+from crowdbench_agents.latent_planner.config import Config
+from crowdbench_agents.latent_planner.crowds import Crowds
+from crowdbench_agents.latent_planner.memory import keep_freed_memory
+from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.validation import (
+    ENVIRONMENTS,
+    FIRST_SEED,
+    Act,
+    Moment,
+    policy_act,
+    validate,
+)
+from crowdbench_agents.latent_planner.weights import load_world_model
+from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
+from numpy.typing import NDArray
+from rich.console import Console
+
+import crowdbench
+
+HARD = (
+    "multimodal_fast", "unimodal_fast_nonreactive", "multimodal_fast_nonreactive",
+    "corridor_very_dense",
+)  # fmt: skip
+
+
+def planner_act(model: WorldModel, config: Config, execute: int, score: Any) -> Act:
+    """Act by MPPI: a plan every ``execute`` steps, from the previous one moved on."""
+    planner, horizon = config.planner, config.planner.horizon
+    generator = torch.Generator().manual_seed(0)
+    bounds = Crowds(1, iter([]), config.perception.geometry).bounds
+    half = torch.from_numpy(bounds.half)
+    plans = torch.zeros(ENVIRONMENTS, horizon, 2)
+
+    @torch.no_grad()
+    def act(moment: Moment) -> NDArray[np.float32]:
+        since = moment.steps % execute
+        due = np.flatnonzero(since == 0)
+        if len(due):
+            z = model.encode(Inputs(*(torch.from_numpy(x[due]) for x in moment.sensed)))
+            place, begins = moment.place[due], moment.steps[due] == 0
+            later = torch.arange(execute, execute + horizon).clamp(max=horizon - 1)
+            before = plans[place][:, later]
+            before[begins] = 0.0
+            with torch.autocast("cpu", torch.bfloat16):
+                plans[place] = plan(
+                    model, z, torch.from_numpy(moment.velocity[due]), planner,
+                    config.loss.discount, half, generator, before, score,
+                ).actions  # fmt: skip
+        return plans[moment.place, since].numpy()
+
+    return act
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("weights", type=Path)
+    parser.add_argument("form", nargs="+", help="policy, or setting=value,... of the planner")
+    parser.add_argument("--episodes", type=int, default=20, help="per scenario")
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument("--scenario", action="append", help="the hardest four by default; or all")
+    arguments = parser.parse_args()
+    keep_freed_memory()
+    torch.set_num_threads(1)
+    model, config = load_world_model(arguments.weights)
+    names = arguments.scenario or HARD
+    if names == ["all"]:
+        names = crowdbench.scenario_names()
+    console = Console()
+    console.print(f"columns: {' '.join(names)}; {arguments.episodes} episodes each")
+    for form in arguments.form:
+        begun = time.perf_counter()
+        if form == "policy":
+            act = policy_act(model)
+        else:
+            values = dict(part.split("=", 1) for part in form.split(",") if part)
+            execute, score = int(values.pop("execute", 1)), values.pop("score", "reward_q")
+            changed = {f"planner.{key}": yaml.safe_load(x) for key, x in values.items()}
+            act = planner_act(model, config.override(changed), execute, score)
+        result = validate(
+            act, config.perception.geometry, arguments.episodes, names, arguments.first_seed
+        )
+        each = " ".join(f"{x:.2f}" for x in result.success.values())
+        console.print(
+            f"{form}: {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}, "
+            f"{result.seconds:.1f} s to the goal [{time.perf_counter() - begun:.0f} s]",
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
