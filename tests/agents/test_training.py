@@ -1,6 +1,8 @@
 """Losses by hand, learning on a fixed batch, and runs that stop and go on."""
 
 import json
+from collections import defaultdict
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -262,6 +264,30 @@ def test_validation_counts_arrivals():
     assert standing.success == {"corridor_sparse": 0.0}
     assert standing.smoothness == 0.0
     assert moving.success["unimodal_slow"] in (0.0, pytest.approx(1 / 3), pytest.approx(2 / 3), 1.0)
+
+
+def test_validation_runs_the_wanted_episodes_one_after_another(monkeypatch):
+    monkeypatch.setattr("crowdbench_agents.latent_planner.validation.ENVIRONMENTS", 2)
+    taken, begun = defaultdict(list), []
+    reset = crowdbench.CrowdEnv.reset
+
+    def noted(environment, seed=None, options=None):
+        begun.append((environment.scenario.name, seed))
+        return reset(environment, seed=seed, options=options)
+
+    def ahead(moment):
+        for place, steps in zip(moment.place, moment.steps, strict=True):
+            taken[place].append(steps)
+        return np.tile(np.array([1.0, 0.0], np.float32), (len(moment.place), 1))
+
+    monkeypatch.setattr(crowdbench.CrowdEnv, "reset", noted)
+    names = ["corridor_sparse", "unimodal_slow"]
+    validate(ahead, MapGeometry(16, 6.0, 4.0), 2, names, first_seed=900_500)
+    assert sorted(begun) == [(name, seed) for name in names for seed in (900_500, 900_501)]
+    assert set(taken) == {0, 1}
+    assert sum(steps.count(0) for steps in taken.values()) == 4
+    for steps in taken.values():
+        assert all(b in (0, a + 1) for a, b in pairwise([-1, *steps]))
 
 
 @pytest.fixture
