@@ -40,8 +40,8 @@ _READING = """\
   speed and intention and is the ceiling, not a competitor.
 - The paper timed inference on a GPU, we on the processor named below, one thread per planner.
 - Ours and the TD-MPC-style planner search as their weights say, with fewer candidates than in the
-  paper and another score ([docs/decisions.md](../docs/decisions.md)). For how long each learned
-  agent was trained, which is not the same for all, see their cards in [agents](../agents).
+  paper and another score ([docs/decisions.md](../docs/decisions.md)). How each learned
+  agent was trained is in its card in [agents](../agents).
 """
 
 
