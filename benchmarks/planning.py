@@ -13,15 +13,13 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 import yaml
 from crowdbench_agents.latent_planner.config import Config
-from crowdbench_agents.latent_planner.crowds import Crowds
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.mppi import Score, plan
 from crowdbench_agents.latent_planner.validation import (
     ENVIRONMENTS,
     FIRST_SEED,
@@ -31,7 +29,7 @@ from crowdbench_agents.latent_planner.validation import (
     validate,
 )
 from crowdbench_agents.latent_planner.weights import load_world_model
-from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
+from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -43,12 +41,12 @@ HARD = (
 )  # fmt: skip
 
 
-def planner_act(model: WorldModel, config: Config, execute: int, score: Any) -> Act:
+def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -> Act:
     """Act by MPPI: a plan every ``execute`` steps, from the previous one moved on."""
     planner, horizon = config.planner, config.planner.horizon
     generator = torch.Generator().manual_seed(0)
-    bounds = Crowds(1, iter([]), config.perception.geometry).bounds
-    half = torch.from_numpy(bounds.half)
+    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario(HARD[0]))
+    half = torch.from_numpy(ActionBounds.of(robot).half)
     plans = torch.zeros(ENVIRONMENTS, horizon, 2)
 
     @torch.no_grad()
