@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
+from crowdbench_agents.latent_planner.validation import Validation
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 
@@ -75,7 +75,37 @@ class Journal:
         for name, value in values.items():
             self._board.add_scalar(name, value, step)
 
-    def point(self, row: Mapping[str, Any]) -> None:
+    def validated(
+        self, result: Validation, counts: Mapping[str, float], training: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Tell a validation in every way there is.
+
+        Args:
+            result: of the policy alone.
+            counts: ``steps``, ``decisions``, ``updates`` and ``seconds`` so far.
+            training: running success while training, by scenario.
+
+        Returns:
+            The point of the learning curve.
+        """
+        row = {
+            **counts, "success": result.mean, "smoothness": result.smoothness,
+            "time_to_goal": result.seconds, **result.success,
+        }  # fmt: skip
+        row |= {f"training_{name}": value for name, value in training.items()}
+        row = {name: round(value, 4) for name, value in row.items()}
+        self._point(row)
+        scalars = {f"validation/{name}": value for name, value in result.success.items()}
+        scalars |= {"validation_mean": result.mean, "validation_smoothness": result.smoothness}
+        self.scalars(scalars, row["steps"])
+        each = " ".join(f"{value:.2f}" for value in result.success.values())
+        self.say(
+            f"{row['seconds'] / 60:.1f} min, {row['steps']} steps, {row['updates']} updates: "
+            f"policy success {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}"
+        )
+        return row
+
+    def _point(self, row: Mapping[str, float]) -> None:
         """Append a point of the learning curve; its columns are those of the first point."""
         new = not self._curve.is_file()
         with self._curve.open("a", newline="", encoding="utf-8") as file:

@@ -306,25 +306,11 @@ def _validate(run: Run, journal: Journal, facts: Mapping[str, Any]) -> None:
             policy_act(run.learner.model), run.config.perception.geometry,
             settings.validation_episodes,
         )  # fmt: skip
-    row = {
+    counts = {
         "steps": run.steps, "decisions": run.explorer.decisions, "updates": run.learner.updates,
-        "seconds": round(run.seconds, 1), "success": round(result.mean, 4),
-        "smoothness": round(result.smoothness, 4), "time_to_goal": round(result.seconds, 2),
+        "seconds": run.seconds,
     }  # fmt: skip
-    row |= {key: round(value, 4) for key, value in result.success.items()}
-    row |= {f"training_{key}": round(value, 4) for key, value in run.mixture.success.items()}
-    journal.point(row)
-    journal.scalars(
-        {f"validation/{key}": value for key, value in result.success.items()}, run.steps
-    )
-    journal.scalars(
-        {"validation_mean": result.mean, "validation_smoothness": result.smoothness}, run.steps
-    )
-    each = " ".join(f"{value:.2f}" for value in result.success.values())
-    journal.say(
-        f"{run.seconds / 60:.1f} min, {run.steps} steps, {run.learner.updates} updates: "
-        f"policy success {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}"
-    )
+    row = journal.validated(result, counts, run.mixture.success)
     if result.mean >= run.best:
         run.best = result.mean
         run.export("best", {**facts, **row})

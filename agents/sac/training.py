@@ -190,20 +190,11 @@ class SacRun:
         settings = self.config.training
         result = validate(act, self.config.perception.geometry, settings.validation_episodes)
         steps = self.model.num_timesteps
-        row = {
+        counts = {
             "steps": steps, "decisions": steps, "updates": self.model._n_updates,
-            "seconds": round(self.seconds, 1), "success": round(result.mean, 4),
-            "smoothness": round(result.smoothness, 4), "time_to_goal": round(result.seconds, 2),
+            "seconds": self.seconds,
         }  # fmt: skip
-        row |= {key: round(value, 4) for key, value in result.success.items()}
-        row |= {f"training_{key}": round(value, 4) for key, value in self.mixture.success.items()}
-        journal.point(row)
-        journal.scalars({"validation_mean": result.mean}, steps)
-        each = " ".join(f"{value:.2f}" for value in result.success.values())
-        journal.say(
-            f"{self.seconds / 60:.1f} min, {steps} steps, {self.model._n_updates} updates: "
-            f"success {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}"
-        )
+        row = journal.validated(result, counts, self.mixture.success)
         if result.mean >= self.best:
             self.best = result.mean
             self.export("best", row)

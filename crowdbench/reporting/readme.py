@@ -230,9 +230,11 @@ def _provenance(measured: Measurements, sessions: Sequence[Session]) -> str:
         total, episodes = sum(s.seconds for s in sessions), sum(s.episodes for s in sessions)
         versions = {f"{k} {v}": None for s in sessions for k, v in s.versions.items()}
         jobs = ", ".join(str(number) for number in sorted({s.jobs for s in sessions}))
+        gone = episodes - len(rows)
+        dropped = f" ({gone:,} of them no longer stored)" if gone > 0 else ""
         lines += [
-            f"- Total run time: {duration(total)} for {episodes:,} episodes in {len(sessions)} "
-            f"sessions with {jobs} processes.",
+            f"- Total run time: {duration(total)} for {episodes:,} episodes{dropped} in "
+            f"{len(sessions)} sessions with {jobs} processes.",
             f"- Software: {escape_markdown(', '.join(versions))}.",
         ]
     else:
