@@ -112,7 +112,7 @@ def random_weights(folder: Path) -> tuple[Path, Path]:
     with torch.no_grad():
         for parameter in model.parameters():
             parameter.add_(0.02 * torch.randn_like(parameter))
-    actor = SacActor(config.perception.cells, config.model.latent, config.model.hidden)
+    actor = SacActor(config.perception.cells, config.model)
     paths = folder / "model.safetensors", folder / "actor.safetensors"
     save_weights(paths[0], model.state_dict(), config, {}, FORMAT)
     save_weights(paths[1], actor.state_dict(), config, {}, ACTOR)

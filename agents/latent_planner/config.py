@@ -54,6 +54,9 @@ class Perception(_Section):
 class Model(_Section):
     """Sizes and forms of the networks."""
 
+    encoder: Literal["coarse", "fine"] = Field(
+        "coarse", description="first layer of f_map: stride 4 and 4 frames, or 2 and all 8 frames"
+    )
     latent: Count = Field(256, description="d, features of z")
     hidden: Count = Field(256, description="hidden units of reward, Q and policy")
     dynamics_hidden: Count = Field(256, description="hidden units of the dynamics")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.config import Config
+from crowdbench_agents.latent_planner.config import Config, Model
 from crowdbench_agents.latent_planner.crowds import Crowds
 from crowdbench_agents.latent_planner.demonstrations import Teachers, final_rows
 from crowdbench_agents.latent_planner.replay import NOBODY, TEACHER, Batch, Replay, Rows, join
@@ -24,9 +24,9 @@ from torch.nn.functional import layer_norm
 class MapFeatures(BaseFeaturesExtractor):
     """The latent planner's encoder as a features extractor."""
 
-    def __init__(self, space: spaces.Dict, cells: int, latent: int, bfloat16: bool) -> None:
-        super().__init__(space, latent)
-        self.encoder = Encoder(cells, latent)
+    def __init__(self, space: spaces.Dict, cells: int, settings: Model, bfloat16: bool) -> None:
+        super().__init__(space, settings.latent)
+        self.encoder = Encoder(cells, settings.latent, settings.encoder)
         self._bfloat16 = bfloat16
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:

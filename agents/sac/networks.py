@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import torch
-from crowdbench_agents.latent_planner.config import Config
+from crowdbench_agents.latent_planner.config import Config, Model
 from crowdbench_agents.latent_planner.weights import fill, load_tensors
 from crowdbench_agents.latent_planner.world_model import ACTION, Encoder, Inputs
 from torch import Tensor, nn
@@ -19,13 +19,13 @@ class SacActor(nn.Module):
 
     Args:
         cells: cells along each side of the obstacle map.
-        latent: features of the encoder.
-        hidden: hidden units.
+        settings: form and sizes.
     """
 
-    def __init__(self, cells: int, latent: int, hidden: int) -> None:
+    def __init__(self, cells: int, settings: Model) -> None:
         super().__init__()
-        self.encoder = Encoder(cells, latent)
+        latent, hidden = settings.latent, settings.hidden
+        self.encoder = Encoder(cells, latent, settings.encoder)
         self.hidden = nn.Sequential(
             nn.Linear(latent, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU()
         )
@@ -44,6 +44,6 @@ def load_actor(path: str | Path) -> tuple[SacActor, Config]:
         WeightsError: missing, damaged, or not of this program's networks.
     """
     tensors, config, _ = load_tensors(Path(path), FORMAT)
-    actor = SacActor(config.perception.cells, config.model.latent, config.model.hidden)
+    actor = SacActor(config.perception.cells, config.model)
     fill(actor, tensors, Path(path))
     return actor.eval().requires_grad_(False), config

@@ -100,7 +100,7 @@ class SacRun:
         crowds = Crowds(count, self.mixture, geometry)
         taught = np.arange(count - settings.taught_environments, count)
         features = {
-            "cells": geometry.cells, "latent": config.model.latent, "bfloat16": settings.bfloat16,
+            "cells": geometry.cells, "settings": config.model, "bfloat16": settings.bfloat16,
         }  # fmt: skip
         target = config.loss.entropy_target
         self.model = SAC(
@@ -164,8 +164,7 @@ class SacRun:
     def actor(self) -> SacActor:
         """The present actor on its own."""
         source = self.model.policy.actor
-        settings = self.config.model
-        actor = SacActor(self.config.perception.cells, settings.latent, settings.hidden)
+        actor = SacActor(self.config.perception.cells, self.config.model)
         actor.encoder.load_state_dict(source.features_extractor.encoder.state_dict())
         actor.hidden.load_state_dict(source.latent_pi.state_dict())
         actor.mean.load_state_dict(source.mu.state_dict())

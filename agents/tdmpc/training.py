@@ -8,18 +8,8 @@ from typing import Any
 
 from crowdbench_agents.latent_planner import training
 
-DIFFERENCES = {
-    "loss.imitation": 0.0,
-    "planner.smoothness_weight": 0.0,
-    "planner.start": "previous",
-    "planner.max_std": 1.0,
-    "planner.temperature": 0.5,
-    "planner.policy_share": 0.1,
-    "planner.candidates": 128,
-    "planner.iterations": 3,
-}
-"""No imitation of the planner and no smoothness term, and planning is a wide search from the
-previous plan, as in TD-MPC; the social reward is left out as well."""
+DIFFERENCES = {"loss.imitation": 0.0, "planner.smoothness_weight": 0.0}
+"""No imitation of the planner and no smoothness term; the social reward is left out as well."""
 
 
 def train(

@@ -25,7 +25,7 @@ ROBOT = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("multimodal_
 def actor():
     torch.manual_seed(0)
     model = CONFIG.model
-    return SacActor(16, model.latent, model.hidden).eval().requires_grad_(False)
+    return SacActor(16, model).eval().requires_grad_(False)
 
 
 @pytest.fixture

@@ -17,10 +17,15 @@ from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, W
 import crowdbench
 
 
+@pytest.fixture(params=["coarse", "fine"])
+def config(request):
+    return load_config().override({"model.encoder": request.param})
+
+
 @pytest.fixture
-def model():
+def model(config):
     torch.manual_seed(0)
-    return WorldModel(load_config().model, cells=48)
+    return WorldModel(config.model, cells=48)
 
 
 @pytest.fixture
@@ -61,6 +66,25 @@ def test_encoder_sees_each_of_the_eight_frames(model):
     assert distances[~torch.eye(9, dtype=torch.bool)].min() > 1e-3
 
 
+def test_the_fine_encoder_is_a_3d_network_whose_first_kernels_span_all_frames(inputs):
+    encoder = WorldModel(Config().override({"model.encoder": "fine"}).model, cells=48).encoder
+    maps = inputs.map[0]
+    frames = np.unpackbits(maps.numpy()[:, None], axis=1, bitorder="little")
+    x = torch.from_numpy(frames).float()[:, None]  # (B, 1, 8, 48, 48)
+    for number, layer in enumerate(layer for layer in encoder.f_map if hasattr(layer, "weight")):
+        kernel = layer.weight[:, None] if number == 0 else layer.weight[:, :, None]
+        stride, padding = (1, *layer.stride), (0, *layer.padding)
+        x = torch.nn.functional.conv3d(x, kernel, layer.bias, stride, padding)
+        x = torch.nn.functional.silu(x)
+    goal = inputs.goal[0]
+    distance = goal.norm(dim=-1, keepdim=True)
+    features = torch.cat([goal / 5, distance / 5, goal / distance], dim=-1)
+    parts = [x.flatten(1), encoder.f_vel(inputs.velocity[0]), encoder.f_goal(features)]
+    expected = encoder.fuse(torch.cat(parts, dim=-1))
+    found = encoder(Inputs(*(x[0] for x in inputs)))
+    torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-4)
+
+
 def test_log_probability_of_the_policy_equals_the_change_of_variables(model, inputs):
     z = model.encode(inputs)
     noise = torch.randn(3, 5, 2, generator=torch.Generator().manual_seed(2))
@@ -90,17 +114,16 @@ def test_action_bounds_map_the_unit_square_onto_the_robot():
     np.testing.assert_allclose(bounds.normalised(bounds.physical(random)), random, atol=1e-6)
 
 
-def test_weights_survive_the_round_trip(model, inputs, tmp_path):
-    config = load_config()
+def test_weights_survive_the_round_trip(model, config, inputs, tmp_path):
     save_weights(tmp_path / "w.safetensors", model.state_dict(), config, {"seed": 1}, FORMAT)
     loaded, loaded_config = load_world_model(tmp_path / "w.safetensors")
     assert loaded_config == config
     assert torch.equal(loaded.encode(inputs), model.encode(inputs))
 
 
-def test_damaged_weights_are_refused(model, tmp_path):
+def test_damaged_weights_are_refused(model, config, tmp_path):
     path = tmp_path / "w.safetensors"
-    save_weights(path, model.state_dict(), load_config(), {}, FORMAT)
+    save_weights(path, model.state_dict(), config, {}, FORMAT)
     content = bytearray(path.read_bytes())
     content[-100] ^= 1
     path.write_bytes(content)
