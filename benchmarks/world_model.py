@@ -186,7 +186,8 @@ def main() -> None:
     parser.add_argument("--updates", type=int, default=1200)
     parser.add_argument("--report", type=int, default=400)
     parser.add_argument("--batch", type=int, default=128)
-    parser.add_argument("--models", nargs="*", default=["geometry", "rollout", "direct"])
+    kinds = ["geometry", "rollout", "direct"]
+    parser.add_argument("--models", nargs="*", default=kinds, choices=kinds)
     parser.add_argument("--set", nargs="*", default=[], help="section.field=value")
     arguments = parser.parse_args()
     keep_freed_memory()
