@@ -41,12 +41,11 @@ ENVIRONMENTS = 32
 
 
 def wander(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Commands v [m/s], w [rad/s] (E, 2) towards the goals with correlated noise, kept (E, 2)."""
+    """Actions (E, 2) in [-1, 1] towards the goals with correlated noise (E, 2), which moves on."""
     noise[:] = 0.9 * noise + np.sqrt(1 - 0.9**2) * rng.normal(size=noise.shape)
     bearing = np.arctan2(crowds.sensed.goal[:, 1], crowds.sensed.goal[:, 0])
     command = np.stack([0.7 + 0.4 * noise[:, 0], 1.5 * bearing + noise[:, 1]], axis=-1)
-    bounds = crowds.bounds
-    return bounds.physical(np.clip(bounds.normalised(command), -1, 1).astype(np.float32))
+    return np.clip(crowds.bounds.normalised(command), -1, 1).astype(np.float32)
 
 
 def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +58,7 @@ def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
     past: list[list[tuple]] = [[] for _ in everywhere]
     gaps, labels = [], []
     for _ in range(steps):
-        command = wander(crowds, noise, rng)
+        command = crowds.bounds.physical(wander(crowds, noise, rng))
         for i in everywhere:
             past[i].append((crowds.environments[i].state(), command[i]))
         result = crowds.step(everywhere, command)
@@ -106,10 +105,9 @@ def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
     noise = np.zeros((ENVIRONMENTS, 2))
     for step in range(steps):
         replay = replays[step >= 0.9 * steps]
-        command = wander(crowds, noise, rng)
-        action = crowds.bounds.normalised(command).astype(np.float32)
+        action = wander(crowds, noise, rng)
         before = tuple(x.copy() for x in crowds.sensed)
-        result = crowds.step(everywhere, command)
+        result = crowds.step(everywhere, crowds.bounds.physical(action))
         collision = result.outcome == "collision"
         none = np.zeros(ENVIRONMENTS, bool)
         nobody = np.full(ENVIRONMENTS, NOBODY, np.uint8)
@@ -196,7 +194,7 @@ def main() -> None:
     config = load_config().override(changes)
     console = Console()
     learned = [name for name in arguments.models if name != "geometry"]
-    if learned != arguments.models:
+    if "geometry" in arguments.models:
         gaps, labels = geometry(arguments.transitions // 10 // ENVIRONMENTS, config)
         console.print(f"geometry  AUC {auc(-gaps, labels):.3f}, {len(gaps)} windows")
     if not learned:
