@@ -8,6 +8,10 @@ steps than those learned from. What the encoder loses shows beside "geometry": t
 while everybody keeps the true present velocity, which needs no learning.
 
     python benchmarks/world_model.py [--updates 1200] [--set model.dynamics=plain ...]
+
+With weights, what reinforcement learning has made of the rollout is tested on the same data:
+
+    python benchmarks/world_model.py --models --weights runs/latent_planner/best.safetensors ...
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import argparse
 import itertools
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -27,6 +32,7 @@ from crowdbench_agents.latent_planner.demonstrations import final_rows
 from crowdbench_agents.latent_planner.losses import model_loss
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.replay import NOBODY, Batch, Replay, Rows
+from crowdbench_agents.latent_planner.weights import load_world_model
 from crowdbench_agents.latent_planner.world_model import Inputs, Mlp, WorldModel
 from rich.console import Console
 from scipy.stats import rankdata
@@ -178,6 +184,15 @@ def auc(score: np.ndarray, label: np.ndarray) -> float:
     return float((ranks[positive].sum() - count * (count + 1) / 2) / (count * others))
 
 
+def rollout_auc(model: WorldModel, tests: list[Batch]) -> float:
+    """AUC of a trained rollout, to which an arrival is an end as well: windows with one are out."""
+    score = torch.cat([rollout_score(model, batch) for batch in tests])
+    label = torch.cat([collides(batch) for batch in tests])
+    ended = torch.cat([(batch.end * batch.valid).amax(dim=0) for batch in tests])
+    kept = label == ended
+    return auc(score[kept].numpy(), label[kept].numpy())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--transitions", type=int, default=96_000)
@@ -186,6 +201,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=128)
     kinds = ["geometry", "rollout", "direct"]
     parser.add_argument("--models", nargs="*", default=kinds, choices=kinds)
+    parser.add_argument("--weights", nargs="*", default=[], type=Path)
     parser.add_argument("--set", nargs="*", default=[], help="section.field=value")
     arguments = parser.parse_args()
     keep_freed_memory()
@@ -197,7 +213,7 @@ def main() -> None:
     if "geometry" in arguments.models:
         gaps, labels = geometry(arguments.transitions // 10 // ENVIRONMENTS, config)
         console.print(f"geometry  AUC {auc(-gaps, labels):.3f}, {len(gaps)} windows")
-    if not learned:
+    if not learned and not arguments.weights:
         return
     began = time.perf_counter()
     train, test = collect(arguments.transitions, config)
@@ -207,6 +223,11 @@ def main() -> None:
     console.print(
         f"{len(train)} rows in {time.perf_counter() - began:.0f} s, collisions {share:.3f}"
     )
+    for path in arguments.weights:
+        model, trained = load_world_model(path)
+        if trained.perception != config.perception or trained.planner.horizon != horizon:
+            parser.error(f"{path}: its obstacle map or horizon is not that of the test data")
+        console.print(f"{path}  AUC {rollout_auc(model, tests):.3f}", soft_wrap=True)
     for name in learned:
         learn(name, config, train, tests, arguments, console)
 
