@@ -150,7 +150,6 @@ class Run:
             TrainingError: no room on the disk.
         """
         state = {
-            "worlds": worlds_digest(),
             "learner": self.learner.state(),
             "explorer": json.dumps(_plain(self.explorer.state())),
             "generator": self.explorer.generator.get_state(),
@@ -158,15 +157,7 @@ class Run:
             "mixture": json.dumps([self.mixture.success, self.mixture.episodes]),
             "counters": json.dumps([self.steps, self.seconds, self.best]),
         }
-        part = self.folder / "checkpoint.part"
-        try:
-            torch.save(state, part)
-            part.replace(self.folder / "checkpoint.pt")
-        except (OSError, RuntimeError) as error:
-            raise TrainingError(
-                f"{part}: the checkpoint could not be written ({error}); make room on the disk "
-                "and resume: the previous checkpoint is intact"
-            ) from error
+        save_checkpoint(self.folder, state)
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder."""
@@ -322,6 +313,23 @@ def _means(sums: Mapping[str, torch.Tensor], count: int) -> dict[str, float]:
 
 def _plain(state: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in state.items() if not isinstance(value, torch.Tensor)}
+
+
+def save_checkpoint(folder: Path, state: Mapping[str, Any]) -> None:
+    """Write a run's checkpoint atomically, with the scenarios it belongs to.
+
+    Raises:
+        TrainingError: no room on the disk.
+    """
+    part = folder / "checkpoint.part"
+    try:
+        torch.save({"worlds": worlds_digest(), **state}, part)
+        part.replace(folder / "checkpoint.pt")
+    except (OSError, RuntimeError) as error:
+        raise TrainingError(
+            f"{part}: the checkpoint could not be written ({error}); make room on the disk "
+            "and resume: the previous checkpoint is intact"
+        ) from error
 
 
 def load_checkpoint(folder: Path) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from crowdbench_agents.latent_planner.training import (
     Mixture,
     check_folder,
     load_checkpoint,
+    save_checkpoint,
 )
 from crowdbench_agents.latent_planner.validation import Moment, validate
 from crowdbench_agents.latent_planner.weights import save_weights
@@ -209,9 +210,8 @@ class SacRun:
         Raises:
             TrainingError: no room on the disk.
         """
-        model, part = self.model, self.folder / "checkpoint.part"
+        model = self.model
         state = {
-            "worlds": worlds_digest(),
             "policy": model.policy.state_dict(),
             "actor_optimizer": model.actor.optimizer.state_dict(),
             "critic_optimizer": model.critic.optimizer.state_dict(),
@@ -224,11 +224,7 @@ class SacRun:
                 [model.num_timesteps, model._n_updates, self.seconds, self.best]
             ),
         }
-        try:
-            torch.save(state, part)
-            part.replace(self.folder / "checkpoint.pt")
-        except (OSError, RuntimeError) as error:
-            raise TrainingError(f"{part}: the checkpoint could not be written ({error})") from error
+        save_checkpoint(self.folder, state)
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder."""

@@ -3,6 +3,7 @@
 import json
 from collections import defaultdict
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,13 @@ from crowdbench_agents.latent_planner.losses import (
     value_targets,
 )
 from crowdbench_agents.latent_planner.replay import PLANNER, Batch
-from crowdbench_agents.latent_planner.training import Mixture, check_folder, train
+from crowdbench_agents.latent_planner.training import (
+    Mixture,
+    check_folder,
+    load_checkpoint,
+    save_checkpoint,
+    train,
+)
 from crowdbench_agents.latent_planner.validation import validate
 from crowdbench_agents.latent_planner.weights import load_world_model
 from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs
@@ -321,6 +328,15 @@ def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, monkeypatch):
     monkeypatch.setattr(crowdbench, "scenario_names", lambda: ["corridor_sparse", "unimodal_fast"])
     with pytest.raises(TrainingError, match="scenarios have changed"):
         train("worlds", steps=200, resume=True, overrides=TINY)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_told_and_leaves_the_checkpoint_before(tmp_path):
+    save_checkpoint(tmp_path, {"updates": 7})
+    (tmp_path / "checkpoint.part").symlink_to("/dev/full")
+    with pytest.raises(TrainingError, match=r"checkpoint\.part: .* make room on the disk"):
+        save_checkpoint(tmp_path, {"updates": 8, "weights": torch.zeros(100_000)})
+    assert load_checkpoint(tmp_path)["updates"] == 7
 
 
 def test_resuming_nothing_is_refused(tmp_path):
