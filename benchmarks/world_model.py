@@ -9,9 +9,11 @@ while everybody keeps the true present velocity, which needs no learning.
 
     python benchmarks/world_model.py [--updates 1200] [--set model.dynamics=plain ...]
 
-With weights, what reinforcement learning has made of the rollout is tested on the same data:
+With weights, what reinforcement learning has made of the rollout is tested on the same data, and
+again after dynamics and ends have learned from these data alone, behind the encoder as it is:
 
-    python benchmarks/world_model.py --models --weights runs/latent_planner/best.safetensors ...
+    python benchmarks/world_model.py --models --weights runs/latent_planner/best.safetensors ... \\
+        [--retrain 400] [--scenario all] [--driver runs/latent_planner/best.safetensors]
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,9 @@ FIRST_SEED, GEOMETRY_SEED = 1_900_000_000, 1_950_000_000
 SUBSTEPS = 4  # of a control period, in which a gap is measured
 ENVIRONMENTS = 32
 
+Drive = Callable[[Crowds, np.ndarray, np.random.Generator], np.ndarray]
+"""Actions (E, 2) in [-1, 1], with noise (E, 2) that it moves on."""
+
 
 def wander(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Actions (E, 2) in [-1, 1] towards the goals with correlated noise (E, 2), which moves on."""
@@ -54,10 +59,22 @@ def wander(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.nd
     return np.clip(crowds.bounds.normalised(command), -1, 1).astype(np.float32)
 
 
+def policy_driver(model: WorldModel) -> Drive:
+    """The policy with correlated noise of standard deviation 0.3."""
+
+    def drive(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        noise[:] = 0.8 * noise + np.sqrt(1 - 0.8**2) * rng.normal(scale=0.3, size=noise.shape)
+        with torch.no_grad():
+            z = model.encode(Inputs(*map(torch.from_numpy, crowds.sensed)))
+            return np.clip(model.act(z).numpy() + noise, -1, 1).astype(np.float32)
+
+    return drive
+
+
 def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
     """Least gaps [m] at constant velocities over the next H steps, and whether they collided."""
     rng, horizon = np.random.default_rng(2), config.planner.horizon
-    crowds = Crowds(ENVIRONMENTS, _episodes(GEOMETRY_SEED), config.perception.geometry)
+    crowds = Crowds(ENVIRONMENTS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry)
     everywhere, noise = np.arange(ENVIRONMENTS), np.zeros((ENVIRONMENTS, 2))
     crowds.begin(everywhere)
     scenario = crowds.environments[0].scenario
@@ -100,10 +117,12 @@ def least_gap(state: dict, commands: list[np.ndarray], scenario: crowdbench.Scen
     return least
 
 
-def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
-    """Drive towards the goal with correlated noise; the last tenth is for testing."""
+def collect(
+    transitions: int, config: Config, names: Sequence[str], drive: Drive
+) -> tuple[Replay, Replay]:
+    """Drive with noise; the last tenth is for testing."""
     rng = np.random.default_rng(0)
-    crowds = Crowds(ENVIRONMENTS, _episodes(FIRST_SEED), config.perception.geometry)
+    crowds = Crowds(ENVIRONMENTS, _episodes(FIRST_SEED, names), config.perception.geometry)
     steps = transitions // ENVIRONMENTS
     replays = [Replay(ENVIRONMENTS, steps * 2, config.perception.cells) for _ in range(2)]
     everywhere = np.arange(ENVIRONMENTS)
@@ -111,7 +130,7 @@ def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
     noise = np.zeros((ENVIRONMENTS, 2))
     for step in range(steps):
         replay = replays[step >= 0.9 * steps]
-        action = wander(crowds, noise, rng)
+        action = drive(crowds, noise, rng)
         before = tuple(x.copy() for x in crowds.sensed)
         result = crowds.step(everywhere, crowds.bounds.physical(action))
         collision = result.outcome == "collision"
@@ -138,9 +157,9 @@ def collect(transitions: int, config: Config) -> tuple[Replay, Replay]:
     return replays[0], replays[1]
 
 
-def _episodes(first: int) -> Iterator[tuple[str, int]]:
+def _episodes(first: int, names: Sequence[str]) -> Iterator[tuple[str, int]]:
     for number in itertools.count():
-        yield SCENARIOS[number % len(SCENARIOS)], first + number
+        yield names[number % len(names)], first + number
 
 
 class DirectPredictor(torch.nn.Module):
@@ -193,6 +212,28 @@ def rollout_auc(model: WorldModel, tests: list[Batch]) -> float:
     return auc(score[kept].numpy(), label[kept].numpy())
 
 
+def retrain(model: WorldModel, train: Replay, config: Config, updates: int, size: int) -> None:
+    """Let dynamics and ends learn nothing but collisions, behind the encoder as it is."""
+    rng, horizon = np.random.default_rng(1), config.planner.horizon
+    parameters = [*model.dynamics.parameters(), *model.outcome.parameters()]
+    for parameter in parameters:
+        parameter.requires_grad_(True)
+    optimizer = torch.optim.Adam(parameters, config.training.learning_rate_model)
+    for _ in range(updates):
+        batch = train.sample(size, horizon, rng, config.training.collision_share, True)
+        with torch.no_grad():
+            z = model.encode(first_of(batch))
+        loss = torch.zeros(())
+        for t in range(horizon):
+            _, end = model.reward_and_end(z, batch.action[t])
+            error = binary_cross_entropy_with_logits(end, batch.collision[t], reduction="none")
+            loss = loss + config.loss.horizon_decay**t * (error * batch.valid[t]).mean()
+            z = model.next(z, batch.action[t])
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--transitions", type=int, default=96_000)
@@ -202,6 +243,11 @@ def main() -> None:
     kinds = ["geometry", "rollout", "direct"]
     parser.add_argument("--models", nargs="*", default=kinds, choices=kinds)
     parser.add_argument("--weights", nargs="*", default=[], type=Path)
+    parser.add_argument("--driver", type=Path, help="weights of a policy that drives instead")
+    parser.add_argument("--retrain", type=int, default=0, help="updates of each of the weights")
+    parser.add_argument(
+        "--scenario", action="append", help="all, or some; by default, fast people who are blind"
+    )
     parser.add_argument("--set", nargs="*", default=[], help="section.field=value")
     arguments = parser.parse_args()
     keep_freed_memory()
@@ -216,7 +262,12 @@ def main() -> None:
     if not learned and not arguments.weights:
         return
     began = time.perf_counter()
-    train, test = collect(arguments.transitions, config)
+    names = arguments.scenario or SCENARIOS
+    if names == ["all"]:
+        names = crowdbench.scenario_names()
+    driver = arguments.driver
+    drive = policy_driver(load_world_model(driver)[0]) if driver else wander
+    train, test = collect(arguments.transitions, config, names, drive)
     horizon = config.planner.horizon
     tests = [test.sample(500, horizon, np.random.default_rng(i)) for i in range(12)]
     share = np.mean([collides(batch).mean().item() for batch in tests])
@@ -227,7 +278,11 @@ def main() -> None:
         model, trained = load_world_model(path)
         if trained.perception != config.perception or trained.planner.horizon != horizon:
             parser.error(f"{path}: its obstacle map or horizon is not that of the test data")
-        console.print(f"{path}  AUC {rollout_auc(model, tests):.3f}", soft_wrap=True)
+        areas = [rollout_auc(model, tests)]
+        if arguments.retrain:
+            retrain(model, train, config, arguments.retrain, arguments.batch)
+            areas.append(rollout_auc(model, tests))
+        console.print(f"{path}  AUC {' -> '.join(f'{x:.3f}' for x in areas)}", soft_wrap=True)
     for name in learned:
         learn(name, config, train, tests, arguments, console)
 
