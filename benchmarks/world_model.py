@@ -246,7 +246,7 @@ def main() -> None:
     parser.add_argument("--driver", type=Path, help="weights of a policy that drives instead")
     parser.add_argument("--retrain", type=int, default=0, help="updates of each of the weights")
     parser.add_argument(
-        "--scenario", action="append", help="all, or some; by default, fast people who are blind"
+        "--scenario", action="append", help="all, or some; by default fast, nonreactive ones"
     )
     parser.add_argument("--set", nargs="*", default=[], help="section.field=value")
     arguments = parser.parse_args()
