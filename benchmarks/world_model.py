@@ -51,9 +51,15 @@ Drive = Callable[[Crowds, np.ndarray, np.random.Generator], np.ndarray]
 """Actions (E, 2) in [-1, 1], with noise (E, 2) that it moves on."""
 
 
+def move_on(noise: np.ndarray, correlation: float, std: float, rng: np.random.Generator) -> None:
+    """The next step (in place) of noise with that correlation and standard deviation."""
+    fresh = rng.normal(scale=std, size=noise.shape)
+    noise[:] = correlation * noise + np.sqrt(1 - correlation**2) * fresh
+
+
 def wander(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Actions (E, 2) in [-1, 1] towards the goals with correlated noise (E, 2), which moves on."""
-    noise[:] = 0.9 * noise + np.sqrt(1 - 0.9**2) * rng.normal(size=noise.shape)
+    move_on(noise, 0.9, 1.0, rng)
     bearing = np.arctan2(crowds.sensed.goal[:, 1], crowds.sensed.goal[:, 0])
     command = np.stack([0.7 + 0.4 * noise[:, 0], 1.5 * bearing + noise[:, 1]], axis=-1)
     return np.clip(crowds.bounds.normalised(command), -1, 1).astype(np.float32)
@@ -63,7 +69,7 @@ def policy_driver(model: WorldModel) -> Drive:
     """The policy with correlated noise of standard deviation 0.3."""
 
     def drive(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        noise[:] = 0.8 * noise + np.sqrt(1 - 0.8**2) * rng.normal(scale=0.3, size=noise.shape)
+        move_on(noise, 0.8, 0.3, rng)
         with torch.no_grad():
             z = model.encode(Inputs(*map(torch.from_numpy, crowds.sensed)))
             return np.clip(model.act(z).numpy() + noise, -1, 1).astype(np.float32)
@@ -212,23 +218,27 @@ def rollout_auc(model: WorldModel, tests: list[Batch]) -> float:
     return auc(score[kept].numpy(), label[kept].numpy())
 
 
+def draw(train: Replay, config: Config, size: int, rng: np.random.Generator) -> Batch:
+    """Sequences as in training, of which only collisions count as ends."""
+    settings = config.training
+    batch = train.sample(
+        size, config.planner.horizon, rng, settings.collision_share, settings.reflect
+    )
+    return batch._replace(end=batch.collision, reward=batch.reward * settings.reward_scale)
+
+
 def retrain(model: WorldModel, train: Replay, config: Config, updates: int, size: int) -> None:
     """Let dynamics and ends learn nothing but collisions, behind the encoder as it is."""
-    rng, horizon = np.random.default_rng(1), config.planner.horizon
+    others = ("reward", "value", "consistency", "imitation_shaping")
+    ends = config.override({f"loss.{name}": 0.0 for name in others}).loss
     parameters = [*model.dynamics.parameters(), *model.outcome.parameters()]
     for parameter in parameters:
         parameter.requires_grad_(True)
     optimizer = torch.optim.Adam(parameters, config.training.learning_rate_model)
+    rng = np.random.default_rng(1)
     for _ in range(updates):
-        batch = train.sample(size, horizon, rng, config.training.collision_share, True)
-        with torch.no_grad():
-            z = model.encode(first_of(batch))
-        loss = torch.zeros(())
-        for t in range(horizon):
-            _, end = model.reward_and_end(z, batch.action[t])
-            error = binary_cross_entropy_with_logits(end, batch.collision[t], reduction="none")
-            loss = loss + config.loss.horizon_decay**t * (error * batch.valid[t]).mean()
-            z = model.next(z, batch.action[t])
+        batch = draw(train, config, size, rng)
+        loss = model_loss(model, model, batch, ends, torch.zeros_like(batch.action)).total
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -250,6 +260,8 @@ def main() -> None:
     )
     parser.add_argument("--set", nargs="*", default=[], help="section.field=value")
     arguments = parser.parse_args()
+    if arguments.retrain and not arguments.weights:
+        parser.error("--retrain needs --weights")
     keep_freed_memory()
     torch.set_num_threads(1)
     changes = {item.split("=")[0]: yaml.safe_load(item.split("=")[1]) for item in arguments.set}
@@ -302,13 +314,7 @@ def learn(name, config, train, tests, arguments, console) -> None:
     )
     began = time.perf_counter()
     for update in range(1, arguments.updates + 1):
-        batch = train.sample(
-            arguments.batch, config.planner.horizon, rng,
-            config.training.collision_share, config.training.reflect,
-        )  # fmt: skip
-        batch = batch._replace(
-            end=batch.collision, reward=batch.reward * config.training.reward_scale
-        )
+        batch = draw(train, config, arguments.batch, rng)
         with bf16:
             if name == "rollout":
                 noise = torch.randn_like(batch.action)
