@@ -5,12 +5,13 @@ without planning. Plans are made by the plain form of the planner for all robots
 under bfloat16, so figures are those of `crowdbench run` up to rounding and random draws.
 
     python benchmarks/planning.py runs/latent_planner/best.safetensors policy \\
-        temperature=0.1,smoothness_weight=0.1 start=previous,max_std=1,execute=6
+        temperature=0.1,arcs=[5,9] start=previous,max_std=1,execute=6
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import time
 from pathlib import Path
 
@@ -90,7 +91,8 @@ def main() -> None:
         if form == "policy":
             act = policy_act(model)
         else:
-            values = dict(part.split("=", 1) for part in form.split(",") if part)
+            parts = re.split(r",(?![^[]*\])", form)  # at commas outside of brackets
+            values = dict(part.split("=", 1) for part in parts if part)
             execute, score = int(values.pop("execute", 1)), values.pop("score", "reward_q")
             changed = {f"planner.{key}": yaml.safe_load(x) for key, x in values.items()}
             act = planner_act(model, config.override(changed), execute, score)

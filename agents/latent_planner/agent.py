@@ -31,7 +31,8 @@ class Options(BaseModel):
     iterations: Annotated[int, Field(ge=1)] | None
     candidates: Annotated[int, Field(ge=1)] | None
     elites: Annotated[int, Field(ge=1)] | None
-    values: Literal["final", "mean"] | None
+    arcs: bool
+    values: Literal["final", "mean", "lambda"] | None
     threads: Annotated[int, Field(ge=1, le=256)] | None
 
 
@@ -51,8 +52,10 @@ class LatentPlanner(LearnedAgent):
             weights' configuration; with fewer candidates than elites all are elites.
         candidates: per iteration, those of the policy included (512 in the paper).
         elites: candidates that the next iteration's Gaussian is fitted to (64 in the paper).
-        values: "final", the paper's score, with the Q behind the horizon; or "mean", the mean of
-            such returns over all lengths up to the horizon.
+        arcs: whether there are further candidates that keep to one action, where the weights'
+            configuration has them.
+        values: what counts of the values: "final", the Q behind the horizon, the paper's score;
+            "mean", the mean of the returns of 1 .. H steps; or "lambda", their lambda-return.
         threads: used to plan; None means as many as PyTorch uses.
     """
 
@@ -73,6 +76,7 @@ class LatentPlanner(LearnedAgent):
         iterations: int | None = None,
         candidates: int | None = None,
         elites: int | None = None,
+        arcs: bool = True,
         values: str | None = None,
         threads: int | None = None,
     ) -> None:
@@ -86,6 +90,7 @@ class LatentPlanner(LearnedAgent):
             iterations=iterations,
             candidates=candidates,
             elites=elites,
+            arcs=arcs,
             values=values,
             threads=threads,
         )
@@ -128,7 +133,10 @@ class LatentPlanner(LearnedAgent):
 
         model, config = load_world_model(path)
         options = self.options
-        changes = options.model_dump(include=set(Planner.model_fields), exclude_none=True)
+        plain = set(Planner.model_fields) - {"arcs"}
+        changes = options.model_dump(include=plain, exclude_none=True)
+        if not options.arcs:
+            changes["arcs"] = None
         if not options.policy_prior:
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)

@@ -25,6 +25,8 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
+Several = Annotated[int, Field(ge=2)]
+Values = Literal["final", "mean", "lambda"]
 
 FINAL_LEARNING_RATE = 0.05
 """Share of the learning rates that is left after their decay."""
@@ -79,11 +81,17 @@ class Planner(_Section):
     start: Literal["previous", "policy"] = Field(
         "previous", description="the first mean: the previous plan moved on, or the policy's plan"
     )
-    values: Literal["final", "mean"] = Field(
-        "final",
-        description="score: rewards and the Q behind the horizon, or the mean of such returns "
-        "over all lengths up to the horizon",
+    arcs: tuple[Several, Several] | None = Field(
+        None,
+        description="speeds and turn rates, evenly spaced, of further candidates that keep to one "
+        "action; None: there are none",
     )
+    values: Values = Field(
+        "final",
+        description="score: rewards and the Q behind the horizon (final); the mean of such returns "
+        "of 1 .. H steps (mean); or the lambda-return of 0 .. H steps (lambda)",
+    )
+    return_lambda: Share = Field(0.5, description="lambda of the lambda-return")
     temperature: Positive = Field(0.5, description="of the weights among elites, in Q scales")
     min_std: Positive = Field(0.05, description="of an action normalised to [-1, 1]")
     max_std: Positive = Field(1.0, description="of an action normalised to [-1, 1]")

@@ -3,7 +3,7 @@
 What is saved, none of which changes a score by more than rounding:
 
 - all candidates start from the same z, so its part of the first layers is computed once;
-- the policy's candidates stay the same over the iterations, so they are scored once;
+- the policy's candidates and the arcs stay the same over the iterations, so they are scored once;
 - candidates are rolled out in blocks whose intermediate results stay in the cache, one thread per
   block, instead of splitting each small matrix product between threads;
 - matrix products go through oneDNN, which on many CPUs is faster than the BLAS that PyTorch uses
@@ -13,14 +13,14 @@ What is saved, none of which changes a score by more than rounding:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 from typing import NamedTuple
 
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import Plan, Score, refit, roughness
+from crowdbench_agents.latent_planner.mppi import Plan, Score, arcs, refit, roughness, value_shares
 from crowdbench_agents.latent_planner.world_model import ACTION, Mlp, WorldModel
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, linear, silu
@@ -83,14 +83,17 @@ class FastPlanner:
         from_policy, returns = self._follow_policy(z, noise, settings, discount, score)
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
-        policy_scores = returns - penalty(from_policy)
+        kept = arcs(settings)
+        fixed = torch.cat([from_policy, kept[None]], dim=1)
+        returns = torch.cat([returns, self.returns(z, kept, settings, discount, score)], dim=1)
+        fixed_scores = returns - penalty(fixed)
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
             sampled = sampled.clamp(-1, 1)
             scores = self.returns(z, sampled[0], settings, discount, score) - penalty(sampled)
             mean, std, best = refit(
-                torch.cat([from_policy, sampled], dim=1),
-                torch.cat([policy_scores, scores], dim=1),
+                torch.cat([fixed, sampled], dim=1),
+                torch.cat([fixed_scores, scores], dim=1),
                 settings,
             )
         return Plan(mean, std, best)
@@ -109,7 +112,7 @@ class FastPlanner:
         Args:
             z: (1, latent) where all candidates start.
             candidates: (N, H, 2) in [-1, 1].
-            settings: of which ``values`` counts.
+            settings: of which ``values`` and ``return_lambda`` count.
             discount: gamma per step.
             score: which of the predicted terms count.
 
@@ -144,7 +147,8 @@ class FastPlanner:
         return actions[None], returns[None]
 
     def _start(self, z: Tensor) -> _Start:
-        return _Start(z, self._outcome.share(z), self._dynamics.share(z))
+        q = [network.share(z) for network in self._q_networks]
+        return _Start(z, self._outcome.share(z), self._dynamics.share(z), q)
 
     def _roll(
         self,
@@ -156,40 +160,35 @@ class FastPlanner:
         discount: float,
         score: Score,
     ) -> Tensor:
-        """Returns (N,) of N = ``count`` candidates from the same state.
-
-        With ``settings.values`` "mean", the mean of those with a value behind each step, as in
-        ``mppi.evaluate``.
-        """
-        every = settings.values == "mean" and score != "reward"
-        outcomes, values = [], []
+        """Returns (N,) of N = ``count`` candidates from the same state, as in ``mppi.evaluate``."""
+        shares = value_shares(settings, horizon, score)
+        outcomes, values = [], torch.zeros(horizon + 1, count)
         z = start.z.expand(count, -1)
         for t in range(horizon):
             action = act(t, z)
             first = t == 0
             inputs = action if first else torch.cat([z, action], dim=1)
-            if every and not first:
-                values.append(self._value(inputs))
+            if shares[t] > 0:
+                values[t] = self._value(inputs, start.q if first else (None, None))
             if score != "q":
                 outcomes.append(self._outcome(inputs, start.outcome if first else None))
             if t + 1 < horizon or score != "reward":
                 change = self._dynamics(inputs, start.dynamics if first else None)
                 z = self._normalise(change.add_(z) if self._residual else change)
-        total, weight = torch.zeros(horizon, count), torch.ones(horizon, count)
+        if score != "reward":
+            action = torch.tanh(self._policy(z)[:, :ACTION])
+            values[horizon] = self._value(torch.cat([z, action], dim=1))
+        total, weight = torch.zeros(horizon + 1, count), torch.ones(horizon + 1, count)
         if score != "q":
             reward, end = torch.stack(outcomes).unbind(dim=-1)
-            weight = torch.sigmoid(-end).mul_(discount).cumprod(dim=0)
-            total = torch.cat([reward[:1], weight[:-1] * reward[1:]]).cumsum(dim=0)
-        if score == "reward":
-            return total[-1]
-        values.append(self._value(torch.cat([z, torch.tanh(self._policy(z)[:, :ACTION])], dim=1)))
-        value = torch.stack(values)
-        return (total[-len(value) :] + weight[-len(value) :] * value).mean(dim=0)
+            weight[1:] = torch.sigmoid(-end).mul_(discount).cumprod(dim=0)
+            total[1:] = (weight[:-1] * reward).cumsum(dim=0)
+        return torch.tensor(shares) @ total.addcmul_(weight, values)
 
-    def _value(self, inputs: Tensor) -> Tensor:
-        """Q (N,), the mean of both estimates, for states and actions (N, latent + 2)."""
-        one, two = (network(inputs)[:, 0] for network in self._q_networks)
-        return (one + two) / 2
+    def _value(self, inputs: Tensor, shared: Sequence[Tensor | None] = (None, None)) -> Tensor:
+        """The smaller Q (N,) for states and actions (N, latent + 2), or as ``_Layers`` has it."""
+        one, two = (q(inputs, part)[:, 0] for q, part in zip(self._q_networks, shared, strict=True))
+        return torch.minimum(one, two)
 
     def _normalise(self, z: Tensor) -> Tensor:
         if self._model.settings.latent_norm == "layer":
@@ -204,6 +203,7 @@ class _Start(NamedTuple):
     z: Tensor
     outcome: Tensor
     dynamics: Tensor
+    q: list[Tensor]
 
 
 class _Layers:

@@ -49,7 +49,7 @@ def plan(
         model: the world model.
         z: (M, latent) current latent states.
         previous: (M, 2) the actions executed last, in [-1, 1].
-        settings: horizon H, candidates, elites, iterations, weights.
+        settings: horizon H, candidates (arcs come on top of them), elites, iterations, weights.
         discount: gamma per step.
         half_range: (2,) half the range of v [m/s] and w [rad/s]: converts changes to physical ones.
         generator: of all noise.
@@ -72,9 +72,10 @@ def plan(
     from_policy = policy_rollouts(model, z, noise)
     if settings.start == "policy" and guided:
         mean = from_policy[:, 0]
+    fixed = torch.cat([from_policy, arcs(settings).expand(robots, -1, -1, -1)], dim=1)
     for _ in range(settings.iterations):
         sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
-        candidates = torch.cat([from_policy, sampled.clamp(-1, 1)], dim=1)
+        candidates = torch.cat([fixed, sampled.clamp(-1, 1)], dim=1)
         scores = evaluate(model, z, candidates, previous, settings, discount, half_range, score)
         mean, std, best = refit(candidates, scores, settings)
     return Plan(mean, std, best)
@@ -110,30 +111,57 @@ def evaluate(
 ) -> Tensor:
     """phi of the paper for candidates (M, N, H, 2) from states z (M, latent): (M, N).
 
-    Rewards and values count only as far as the episode is predicted to go on. With
-    ``settings.values`` "final" the value is that of the policy behind the horizon, as in the paper.
-    With "mean" the return is the mean over k = 1 .. H of the rewards of k steps and the Q behind
-    them, of the candidate's own action for k < H: errors of single values average out, which the
-    best of many candidates would otherwise be chosen for.
+    Rewards and values count only as far as the episode is predicted to go on. A value is the
+    smaller of both Qs: of the candidate's own action after k < H steps, of the policy's behind the
+    horizon.
     """
     robots, count, horizon, _ = candidates.shape
+    shares = value_shares(settings, horizon, score)
     z = z[:, None].expand(-1, count, -1)
     total = torch.zeros(robots, count)
     weight = torch.ones(robots, count)
-    returns = []
+    result = torch.zeros(robots, count)
     for t in range(horizon):
         action = candidates[:, :, t]
-        if t > 0 and settings.values == "mean" and score != "reward":
-            returns.append(total + weight * model.q(z, action).float().mean(dim=0))
+        if shares[t] > 0:
+            result += shares[t] * (total + weight * model.q(z, action).float().amin(dim=0))
         if score != "q":
             reward, end = model.reward_and_end(z, action)
             total = total + weight * reward.float()
             weight = weight * discount * torch.sigmoid(-end.float())
         z = model.next(z, action)
     if score != "reward":
-        returns.append(total + weight * model.q(z, model.act(z)).float().mean(dim=0))
-        total = torch.stack(returns).mean(dim=0)
-    return total - settings.smoothness_weight * roughness(candidates, previous, half_range)
+        total = total + weight * model.q(z, model.act(z)).float().amin(dim=0)
+    result += shares[horizon] * total
+    return result - settings.smoothness_weight * roughness(candidates, previous, half_range)
+
+
+def value_shares(settings: Planner, horizon: int, score: Score) -> list[float]:
+    """H + 1 shares in the score: of the returns of k = 0 .. H rewards and the value behind them.
+
+    "final" is the paper's. The others are less exposed to the error of a single value, which the
+    best of many candidates would otherwise be chosen for. With lambda the shares are
+    (1 - lambda) lambda^k and lambda^H, those of TD(lambda) (Sutton and Barto, Reinforcement
+    Learning, 2nd edition, section 12.1). Rewards alone are always summed up to the horizon.
+    """
+    decay = settings.return_lambda
+    if settings.values == "final" or score == "reward":
+        return [0.0] * horizon + [1.0]
+    if settings.values == "mean":
+        return [0.0] + [1 / horizon] * horizon
+    return [(1 - decay) * decay**k for k in range(horizon)] + [decay**horizon]
+
+
+def arcs(settings: Planner) -> Tensor:
+    """Action sequences (A, H, 2) that keep to one action, on an even grid over [-1, 1]^2.
+
+    They lie where neither the policy nor noise around its plan gets: the policy follows the slope
+    of Q to the nearest maximum, and ways around somebody have several.
+    """
+    if settings.arcs is None:
+        return torch.zeros(0, settings.horizon, ACTION)
+    speeds, rates = (torch.linspace(-1, 1, count) for count in settings.arcs)
+    return torch.cartesian_prod(speeds, rates)[:, None].expand(-1, settings.horizon, -1)
 
 
 def roughness(candidates: Tensor, previous: Tensor, half_range: Tensor) -> Tensor:

@@ -43,9 +43,9 @@ def assert_equal_plans(plain, quick):
 
 @pytest.mark.parametrize("score", ["reward_q", "reward", "q"])
 @pytest.mark.parametrize("horizon", [1, 3, 10])
-@pytest.mark.parametrize("values", ["final", "mean"])
+@pytest.mark.parametrize("values", ["final", "mean", "lambda"])
 def test_plans_are_equal_for_every_score_and_horizon(score, horizon, values):
-    changes = {"planner.horizon": horizon, "planner.values": values}
+    changes = {"planner.horizon": horizon, "planner.values": values, "planner.return_lambda": 0.6}
     config = load_config().override(SMALL | changes)
     assert_equal_plans(*both(config, score=score, warm=True))
 
@@ -61,6 +61,13 @@ def test_plans_are_equal_for_every_form_of_the_model(dynamics, norm):
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
 def test_plans_are_equal_for_every_share_of_the_policys_candidates(share, start):
     changes = {"planner.policy_share": share, "planner.start": start}
+    assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
+
+
+@pytest.mark.parametrize("arcs", [None, (2, 2), (5, 9)])
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_plans_are_equal_with_and_without_arcs(arcs, share):
+    changes = {"planner.arcs": arcs, "planner.policy_share": share, "planner.values": "lambda"}
     assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
 
 

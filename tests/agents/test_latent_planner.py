@@ -225,6 +225,7 @@ def test_every_row_of_the_papers_tables_can_be_run(weights, row):
         ({"smoothness_weight": 0}, (0.0, 0.2)),
         ({"policy_prior": False}, (0.3, 0.0)),
         ({"values": "final"}, (0.3, 0.2)),
+        ({"arcs": False}, (0.3, 0.2)),
     ],
 )
 def test_what_options_leave_open_is_taken_from_the_weights(weights, options, expected):
@@ -233,7 +234,8 @@ def test_what_options_leave_open_is_taken_from_the_weights(weights, options, exp
     assert (agent._settings.smoothness_weight, agent._settings.policy_share) == expected
     # not those of config.yaml
     assert (agent._settings.candidates, agent._settings.elites) == (120, 12)
-    assert agent._settings.values == options.get("values", "mean")
+    assert agent._settings.values == options.get("values", "lambda")
+    assert agent._settings.arcs == ((5, 9) if options.get("arcs", True) else None)
 
 
 @pytest.mark.parametrize(
@@ -247,7 +249,8 @@ def test_what_options_leave_open_is_taken_from_the_weights(weights, options, exp
         ("policy_prior=1", "policy_prior: input should be a valid boolean, got 1"),
         ("score=both", "score: input should be 'reward_q', 'reward' or 'q', got 'both'"),
         ("candidates=32,elites=64", r"elites: should be 1 to candidates \(32\), got 64"),
-        ("values=best", "values: input should be 'final' or 'mean', got 'best'"),
+        ("values=best", "values: input should be 'final', 'mean' or 'lambda', got 'best'"),
+        ("arcs=5", "arcs: input should be a valid boolean, got 5"),
         ("threads=0", "threads: input should be greater than or equal to 1"),
         ("iterations=none", "iterations: input should be a valid integer, got 'none'"),
         ("horzon=3", "no option 'horzon'.*horizon"),

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import evaluate, plan, policy_rollouts, refit, roughness
+from crowdbench_agents.latent_planner.mppi import (
+    arcs,
+    evaluate,
+    plan,
+    policy_rollouts,
+    refit,
+    roughness,
+    value_shares,
+)
+from hypothesis import given
+from hypothesis import settings as settings_of_hypothesis
+from hypothesis import strategies as st
 
 STEP, GAIN = 0.5, 20.0
 HALF = torch.tensor([0.5, 1.5])
@@ -114,6 +125,44 @@ def test_with_start_policy_the_search_begins_at_the_policys_plan():
     torch.testing.assert_close(result.actions, expected, atol=0.05, rtol=0)
 
 
+def test_an_arc_far_from_everything_drawn_wins_if_it_scores_best():
+    # noise of std 0.021 around no motion does not get anywhere near the best actions
+    narrow = settings(iterations=1, max_std=0.021, elites=1, arcs=(3, 5))
+    result = solve(LinearModel([2.0, -1.0]), narrow)
+    torch.testing.assert_close(result.actions, torch.tensor([[[1.0, -0.5]] * 4]))
+
+
+def test_arcs_cover_all_speeds_and_turn_rates_evenly():
+    kept = arcs(settings(arcs=(3, 5)))
+    assert kept.shape == (15, 4, 2)
+    assert {tuple(x) for x in kept[:, 0].tolist()} == {
+        (v, w) for v in (-1.0, 0.0, 1.0) for w in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    }
+    torch.testing.assert_close(kept, kept[:, :1].expand_as(kept))
+    assert len(arcs(settings())) == 0
+
+
+@settings_of_hypothesis(max_examples=50, deadline=None)
+@given(
+    values=st.sampled_from(["final", "mean", "lambda"]),
+    horizon=st.integers(1, 12),
+    decay=st.floats(0, 1),
+)
+def test_shares_of_returns_add_up_to_one_so_that_scores_stay_returns(values, horizon, decay):
+    shares = value_shares(settings(values=values, return_lambda=decay), horizon, "reward_q")
+    assert len(shares) == horizon + 1
+    assert sum(shares) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("score", ["reward_q", "q"])
+def test_lambda_of_one_is_the_papers_score(score):
+    candidates = torch.rand(1, 5, 4, 2, generator=torch.Generator().manual_seed(0))
+    arguments = Ledger(), torch.zeros(1, 3), candidates, torch.zeros(1, 2)
+    forms = settings(values="final"), settings(values="lambda", return_lambda=1.0)
+    paper, ours = (evaluate(*arguments, form, 0.9, HALF, score) for form in forms)
+    torch.testing.assert_close(ours, paper)
+
+
 def test_robots_of_a_batch_are_planned_for_their_own_state():
     model, chosen = LinearModel([0.0, 0.0]), settings()
     z = torch.tensor([[0.4, 0.0], [-0.4, 0.2]])
@@ -132,23 +181,32 @@ def test_plan_is_a_function_of_the_generators_seed():
 @pytest.mark.parametrize(
     ("score", "values", "expected"),
     [
-        # rewards 0.4 and -0.2, the second counts 0.9 x 3/4; Q = 12 counts (0.9 x 3/4)^2
-        ("reward_q", "final", 0.4 - 0.2 * 0.675 + 12 * 0.675**2),
+        # rewards 0.4 and -0.2, the second counts 0.9 x 3/4; the smaller Q, 10, (0.9 x 3/4)^2
+        ("reward_q", "final", 0.4 - 0.2 * 0.675 + 10 * 0.675**2),
         ("reward", "final", 0.4 - 0.2 * 0.675),
-        ("q", "final", 12.0),
+        ("q", "final", 10.0),
         # behind the first step Q is that of the candidate's own action, w = 0.7
-        ("reward_q", "mean", (0.4 + 12.7 * 0.675 + 0.4 - 0.2 * 0.675 + 12 * 0.675**2) / 2),
+        ("reward_q", "mean", (0.4 + 10.7 * 0.675 + 0.4 - 0.2 * 0.675 + 10 * 0.675**2) / 2),
         ("reward", "mean", 0.4 - 0.2 * 0.675),
-        ("q", "mean", (12.7 + 12) / 2),
+        ("q", "mean", (10.7 + 10) / 2),
+        # before the first step Q is that of w = 0; lambda is 0.25
+        (
+            "reward_q", "lambda",
+            0.75 * 10 + 0.1875 * (0.4 + 10.7 * 0.675)
+            + 0.0625 * (0.4 - 0.2 * 0.675 + 10 * 0.675**2),
+        ),
+        ("reward", "lambda", 0.4 - 0.2 * 0.675),
+        ("q", "lambda", 0.75 * 10 + 0.1875 * 10.7 + 0.0625 * 10),
     ],
-)
+)  # fmt: skip
 def test_score_of_a_fixed_plan_by_hand(score, values, expected):
     candidates = torch.tensor([[[[0.4, 0.0], [-0.2, 0.7]]]])
     arguments = Ledger(), torch.zeros(1, 3), candidates, torch.tensor([[0.2, 0.0]])
-    plain = evaluate(*arguments, settings(values=values), 0.9, HALF, score)
+    form = {"values": values, "return_lambda": 0.25}
+    plain = evaluate(*arguments, settings(**form), 0.9, HALF, score)
     torch.testing.assert_close(plain, torch.tensor([[expected]]))
     # v changes by 0.1 and -0.3 m/s, w by 0 and 1.05 rad/s
-    smooth = evaluate(*arguments, settings(values=values, smoothness_weight=2.0), 0.9, HALF, score)
+    smooth = evaluate(*arguments, settings(**form, smoothness_weight=2.0), 0.9, HALF, score)
     penalty = 2.0 * (0.1**2 + 0.3**2 + 1.05**2)
     torch.testing.assert_close(smooth, torch.tensor([[expected - penalty]]))
 
