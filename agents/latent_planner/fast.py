@@ -3,7 +3,7 @@
 What is saved, none of which changes a score by more than rounding:
 
 - all candidates start from the same z, so its part of the first layers is computed once;
-- the policy's candidates and the arcs stay the same over the iterations, so they are scored once;
+- the policy's candidates and the arcs stay the same over the iterations and are scored once;
 - candidates are rolled out in blocks whose intermediate results stay in the cache, one thread per
   block, instead of splitting each small matrix product between threads;
 - matrix products go through oneDNN, which on many CPUs is faster than the BLAS that PyTorch uses
@@ -83,19 +83,18 @@ class FastPlanner:
         from_policy, returns = self._follow_policy(z, noise, settings, discount, score)
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
-        kept = arcs(settings)
-        fixed = torch.cat([from_policy, kept[None]], dim=1)
-        returns = torch.cat([returns, self.returns(z, kept, settings, discount, score)], dim=1)
-        fixed_scores = returns - penalty(fixed)
+        fixed, fixed_scores = from_policy, returns - penalty(from_policy)
+        unscored = arcs(settings)[None]
+        known = guided + unscored.shape[1]
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
-            sampled = sampled.clamp(-1, 1)
-            scores = self.returns(z, sampled[0], settings, discount, score) - penalty(sampled)
-            mean, std, best = refit(
-                torch.cat([fixed, sampled], dim=1),
-                torch.cat([fixed_scores, scores], dim=1),
-                settings,
-            )
+            fresh = torch.cat([unscored, sampled.clamp(-1, 1)], dim=1)
+            scores = self.returns(z, fresh[0], settings, discount, score) - penalty(fresh)
+            candidates = torch.cat([fixed, fresh], dim=1)
+            scores = torch.cat([fixed_scores, scores], dim=1)
+            mean, std, best = refit(candidates, scores, settings)
+            fixed, fixed_scores = candidates[:, :known], scores[:, :known]
+            unscored = unscored[:, :0]
         return Plan(mean, std, best)
 
     @torch.no_grad()
