@@ -26,7 +26,6 @@ NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
 Several = Annotated[int, Field(ge=2)]
-Values = Literal["final", "mean", "lambda"]
 
 FINAL_LEARNING_RATE = 0.05
 """Share of the learning rates that is left after their decay."""
@@ -86,7 +85,7 @@ class Planner(_Section):
         description="speeds and turn rates, evenly spaced, of further candidates that keep to one "
         "action; None: there are none",
     )
-    values: Values = Field(
+    values: Literal["final", "mean", "lambda"] = Field(
         "final",
         description="score: rewards and the Q behind the horizon (final); the mean of such returns "
         "of 1 .. H steps (mean); or the lambda-return of 0 .. H steps (lambda)",

@@ -140,9 +140,9 @@ def value_shares(settings: Planner, horizon: int, score: Score) -> list[float]:
     """H + 1 shares in the score: of the returns of k = 0 .. H rewards and the value behind them.
 
     "final" is the paper's. The others are less exposed to the error of a single value, which the
-    best of many candidates would otherwise be chosen for. With lambda the shares are
-    (1 - lambda) lambda^k and lambda^H, those of TD(lambda) (Sutton and Barto, Reinforcement
-    Learning, 2nd edition, section 12.1). Rewards alone are always summed up to the horizon.
+    best of many candidates would otherwise be chosen for. With "lambda" the score is the
+    lambda-return (Sutton and Barto, Reinforcement Learning, 2nd edition, section 12.1). Rewards
+    alone are always summed up to the horizon.
     """
     decay = settings.return_lambda
     if settings.values == "final" or score == "reward":
