@@ -133,8 +133,9 @@ class LatentPlanner(LearnedAgent):
 
         model, config = load_world_model(path)
         options = self.options
-        plain = set(Planner.model_fields) - {"arcs"}
-        changes = options.model_dump(include=plain, exclude_none=True)
+        changes = options.model_dump(
+            include=set(Planner.model_fields), exclude={"arcs"}, exclude_none=True
+        )
         if not options.arcs:
             changes["arcs"] = None
         if not options.policy_prior:

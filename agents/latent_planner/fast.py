@@ -80,7 +80,8 @@ class FastPlanner:
         noise = torch.randn(guided, horizon, ACTION, generator=generator)
         if settings.start == "policy":
             noise[:1] = 0.0
-        from_policy, returns = self._follow_policy(z, noise, settings, discount, score)
+        begin = self.start(z)
+        from_policy, returns = self._follow_policy(begin, noise, settings, discount, score)
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
         fixed, fixed_scores = from_policy, returns - penalty(from_policy)
@@ -89,10 +90,11 @@ class FastPlanner:
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
             fresh = torch.cat([unscored, sampled.clamp(-1, 1)], dim=1)
-            scores = self.returns(z, fresh[0], settings, discount, score) - penalty(fresh)
+            scores = self.returns(begin, fresh[0], settings, discount, score) - penalty(fresh)
             candidates = torch.cat([fixed, fresh], dim=1)
             scores = torch.cat([fixed_scores, scores], dim=1)
             mean, std, best = refit(candidates, scores, settings)
+            # the arcs are scored now, and come before what was drawn
             fixed, fixed_scores = candidates[:, :known], scores[:, :known]
             unscored = unscored[:, :0]
         return Plan(mean, std, best)
@@ -100,7 +102,7 @@ class FastPlanner:
     @torch.no_grad()
     def returns(
         self,
-        z: Tensor,
+        start: Start,
         candidates: Tensor,
         settings: Planner,
         discount: float,
@@ -109,7 +111,7 @@ class FastPlanner:
         """phi without the smoothness penalty.
 
         Args:
-            z: (1, latent) where all candidates start.
+            start: where all candidates start.
             candidates: (N, H, 2) in [-1, 1].
             settings: of which ``values`` and ``return_lambda`` count.
             discount: gamma per step.
@@ -120,7 +122,6 @@ class FastPlanner:
         """
         count, horizon, _ = candidates.shape
         blocks = candidates.chunk(-(-count // BLOCK)) if count else ()
-        start = self._start(z)
 
         def roll(block: Tensor) -> Tensor:
             with torch.no_grad():  # each thread has its own such setting
@@ -132,7 +133,7 @@ class FastPlanner:
         return torch.cat([torch.zeros(0), *run(roll, blocks)])[None]
 
     def _follow_policy(
-        self, z: Tensor, noise: Tensor, settings: Planner, discount: float, score: Score
+        self, start: Start, noise: Tensor, settings: Planner, discount: float, score: Score
     ) -> tuple[Tensor, Tensor]:
         """Candidates (1, N, H, 2) of the policy with noise (N, H, 2), and their returns (1, N)."""
         count, horizon, _ = noise.shape
@@ -142,16 +143,17 @@ class FastPlanner:
             actions[:, t] = self._model.sample(z, noise[:, t])[0]
             return actions[:, t]
 
-        returns = self._roll(self._start(z), act, count, horizon, settings, discount, score)
+        returns = self._roll(start, act, count, horizon, settings, discount, score)
         return actions[None], returns[None]
 
-    def _start(self, z: Tensor) -> _Start:
+    def start(self, z: Tensor) -> Start:
+        """What all candidates that start in z (1, latent) share."""
         q = [network.share(z) for network in self._q_networks]
-        return _Start(z, self._outcome.share(z), self._dynamics.share(z), q)
+        return Start(z, self._outcome.share(z), self._dynamics.share(z), q)
 
     def _roll(
         self,
-        start: _Start,
+        start: Start,
         act: Act,
         count: int,
         horizon: int,
@@ -196,7 +198,7 @@ class FastPlanner:
         return self._model.normalise(z)
 
 
-class _Start(NamedTuple):
+class Start(NamedTuple):
     """Where all candidates start: z (1, latent), and its share of the first layers (1, hidden)."""
 
     z: Tensor

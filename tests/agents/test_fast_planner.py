@@ -96,8 +96,11 @@ def test_returns_of_candidates_keep_their_order_over_blocks(monkeypatch):
     model = random_model(config)
     z = model.normalise(torch.ones(1, 32).cumsum(dim=1))
     candidates = torch.rand(50, 4, 2, generator=torch.Generator().manual_seed(3)) * 2 - 1
-    arguments = z, candidates, config.planner, 0.9
-    whole = FastPlanner(model).returns(*arguments)
+
+    def returns(planner):
+        return planner.returns(planner.start(z), candidates, config.planner, 0.9)
+
+    whole = returns(FastPlanner(model))
     monkeypatch.setattr(fast, "BLOCK", 7)
-    torch.testing.assert_close(FastPlanner(model, 2).returns(*arguments), whole)
+    torch.testing.assert_close(returns(FastPlanner(model, 2)), whole)
     assert whole.std() > 1e-3
