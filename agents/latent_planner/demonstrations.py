@@ -74,6 +74,7 @@ def load_demonstrations(
     transitions: int,
     geometry: MapGeometry,
     social: bool,
+    speed_price: float,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Replay:
     """Open the demonstrations, recording what is missing of them.
@@ -84,13 +85,13 @@ def load_demonstrations(
         teacher: name of an agent.
         transitions: how many.
         geometry: of the obstacle maps.
-        social: whether the rewards include the social term.
+        social, speed_price: what the sampled rewards are made of, as in ``Replay``.
         progress: called with the number of transitions there are.
     """
     # An episode that has begun is driven to its end, which takes some more rows.
     folder = runs / f"demonstrations-{teacher}-{transitions}-{worlds_digest()}"
     rows = -(-transitions // LANES) + 400
-    replay = Replay(LANES, rows, geometry.cells, social=social, folder=folder)
+    replay = Replay(LANES, rows, geometry.cells, social, speed_price, folder)
     if len(replay) < transitions:
         replay.cut()
         _record(replay, teacher, transitions, geometry, progress)

@@ -27,7 +27,8 @@ class Batch(NamedTuple):
     Attributes:
         inputs: (H + 1, B, ...) observations.
         action: (H, B, 2) executed, in [-1, 1].
-        reward: (H, B) the environment's, with or without the social term.
+        reward: (H, B) the environment's, with or without the social term, less the price of the
+            way.
         end: (H, B) 1 where the action ended the episode by arrival or collision.
         collision: (H, B) 1 where the action ended it by collision.
         valid: (H, B) 1 up to the end of the episode, 0 behind it.
@@ -78,13 +79,20 @@ class Replay:
         rows: rows per lane; the oldest are overwritten.
         cells: cells along each side of the maps.
         social: whether sampled rewards include the social term.
+        speed_price: what sampled rewards are less by for each m/s at which a step is driven.
         folder: where the arrays live; None keeps them in memory. Existing ones are continued.
     """
 
     def __init__(
-        self, lanes: int, rows: int, cells: int, social: bool = True, folder: Path | None = None
+        self,
+        lanes: int,
+        rows: int,
+        cells: int,
+        social: bool = True,
+        speed_price: float = 0.0,
+        folder: Path | None = None,
     ) -> None:
-        self._social = social
+        self._social, self._speed_price = social, speed_price
         self.lanes, self.rows = lanes, rows
         shapes = {
             "map": ((cells, cells), np.uint8), "velocity": ((2,), np.float32),
@@ -189,6 +197,9 @@ class Replay:
         reward = data.reward[lane, actions]
         if self._social:
             reward = reward + data.social[lane, actions]
+        # A velocity is observed after the step that was driven at it.
+        velocity = data.velocity[lane, steps] * sign
+        reward = reward - np.float32(self._speed_price) * np.abs(velocity[1:, :, 0])
 
         def tensor(array: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(array))
@@ -199,7 +210,7 @@ class Replay:
         return Batch(
             inputs=Inputs(
                 tensor(maps),
-                tensor(data.velocity[lane, steps] * sign),
+                tensor(velocity),
                 tensor(data.goal[lane, steps] * sign),
             ),
             action=tensor(data.action[lane, actions] * sign),

@@ -68,19 +68,20 @@ class Run:
 
     def __init__(self, folder: Path, config: Config, seed: int, social: bool) -> None:
         self.folder, self.config = folder, config
-        self.learner = Learner(config, seed)
         self.mixture = Mixture(seed)
         settings, geometry = config.training, config.perception.geometry
         count = settings.environments
         self.crowds = Crowds(count, self.mixture, geometry)
+        self.learner = Learner(config, self.crowds.bounds, seed)
         self.explorer = Explorer(self.learner.model, config, self.crowds.bounds, seed)
         self.rng = np.random.default_rng([seed, 2])
         rows = -(-settings.replay // count)
-        self.replay = Replay(count, rows, geometry.cells, social, folder / "replay")
+        price = settings.length_price * self.crowds.robot.control_period
+        self.replay = Replay(count, rows, geometry.cells, social, price, folder / "replay")
         self.demonstrations: Replay | None = None
         if settings.demonstrations:
             self.demonstrations = load_demonstrations(
-                folder.parent, settings.teacher, settings.demonstrations, geometry, social
+                folder.parent, settings.teacher, settings.demonstrations, geometry, social, price
             )
         # MPPI acts in the first environments, the teacher advises in the last.
         taught = np.arange(count - settings.taught_environments, count)

@@ -92,13 +92,14 @@ class SacRun:
         self.rng = np.random.default_rng([seed, 2])
         count = settings.environments
         rows = -(-settings.replay // count)
-        self.replay = Replay(count, rows, geometry.cells, social, folder / "replay")
+        crowds = Crowds(count, self.mixture, geometry)
+        price = settings.length_price * crowds.robot.control_period
+        self.replay = Replay(count, rows, geometry.cells, social, price, folder / "replay")
         demonstrations = None
         if settings.demonstrations:
             demonstrations = load_demonstrations(
-                folder.parent, settings.teacher, settings.demonstrations, geometry, social
+                folder.parent, settings.teacher, settings.demonstrations, geometry, social, price
             )
-        crowds = Crowds(count, self.mixture, geometry)
         taught = np.arange(count - settings.taught_environments, count)
         features = {
             "cells": geometry.cells, "settings": config.model, "bfloat16": settings.bfloat16,

@@ -146,3 +146,13 @@ def test_the_social_term_is_left_out_where_it_is_switched_off():
         replay.append(np.array([0]), rows(np.array([0]), time, 0))
     batch = replay.sample(10, 3, np.random.default_rng(0))
     np.testing.assert_array_equal(batch.reward, batch.inputs.velocity[:-1, :, 0])
+
+
+def test_driving_costs_what_the_speed_observed_after_the_step_says():
+    """The reward of ``rows`` is the time, and so is the speed: t - 0.25 (t + 1)."""
+    replay = Replay(1, 20, cells=16, social=False, speed_price=0.25)
+    for time in range(8):
+        replay.append(np.array([0]), rows(np.array([0]), time, 0))
+    batch = replay.sample(10, 3, np.random.default_rng(0), reflect=True)
+    time = batch.inputs.velocity[:-1, :, 0]
+    np.testing.assert_allclose(batch.reward, 0.75 * time - 0.25)
