@@ -82,7 +82,8 @@ class LearnedAgent(crowdbench.Agent):
         arrays = (maps, observation.velocity, observation.goal)
         with _one_thread():
             action = self._choose(Inputs(*(torch.from_numpy(array[None]) for array in arrays)))
-        return self._bounds.physical(action)
+        # The mean of several plans at the bounds may lie beyond them by rounding.
+        return self._bounds.physical(action.clip(-1, 1))
 
     @abstractmethod
     def _choose(self, inputs: Inputs) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Which settings of the planner drive best? Success on validation seeds, many robots at once.
+"""Which settings of the planner drive best? Validation of many robots at once.
 
 Every form is the settings of the weights with some of them replaced, or "policy", which drives
 without planning. Plans are made by the plain form of the planner for all robots together and
@@ -101,8 +101,9 @@ def main() -> None:
         )
         each = " ".join(f"{x:.2f}" for x in result.success.values())
         console.print(
-            f"{form}: {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}, "
-            f"{result.seconds:.1f} s to the goal [{time.perf_counter() - begun:.0f} s]",
+            f"{form}: {result.mean:.3f} ({each}), SPL {result.mean_spl:.3f}, "
+            f"smoothness {result.smoothness:.3f}, {result.seconds:.1f} s "
+            f"to the goal [{time.perf_counter() - begun:.0f} s]",
             soft_wrap=True, highlight=False,
         )  # fmt: skip
 

@@ -118,9 +118,6 @@ class Loss(_Section):
     imitation_shaping: NonNegative = Field(
         0.0, description="share of both imitation terms that shapes encoder and dynamics"
     )
-    improvement: NonNegative = Field(
-        0.0, description="on |a - a*|^2, a* the best by Q of the policy's action and the arcs"
-    )
     entropy: NonNegative = Field(0.01, description="alpha, or its start when it is tuned")
     entropy_target: float | None = Field(None, description="nats; None keeps alpha fixed")
 
@@ -141,8 +138,10 @@ class Training(_Section):
     replay: Count = Field(400_000, description="transitions kept")
     warmup: int = Field(5_000, ge=0, description="transitions before the first update")
     reflect: bool = Field(False, description="left-right reflection of half of the sequences")
-    length_price: NonNegative = Field(
-        0.0, description="taken off the environment's rewards for each metre driven"
+    detour_price: NonNegative = Field(
+        0.0,
+        description="taken off the environment's rewards for each metre driven beyond the metres "
+        "gained towards the goal",
     )
     reward_scale: Positive = Field(1.0, description="factor on these rewards")
     learning_rate_model: Positive = Field(1e-4, description="encoder and dynamics")
@@ -187,12 +186,6 @@ class Config(_Section):
     planner: Planner = Planner()
     loss: Loss = Loss()
     training: Training = Training()
-
-    @model_validator(mode="after")
-    def _improvement_has_arcs(self) -> Config:
-        if self.loss.improvement > 0 and self.planner.arcs is None:
-            raise ValueError("loss.improvement needs planner.arcs, e.g. [5, 9], to choose from")
-        return self
 
     def teaching(self, updates: int) -> float:
         """Weight of the imitation of the teacher after some updates."""

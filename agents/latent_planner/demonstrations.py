@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
-from crowdbench_agents.latent_planner.replay import NOBODY, TEACHER, Replay, Rows
+from crowdbench_agents.latent_planner.replay import NOBODY, TEACHER, Detour, Replay, Rows
 from crowdbench_agents.perception import MapGeometry
 from numpy.typing import NDArray
 
@@ -74,7 +74,7 @@ def load_demonstrations(
     transitions: int,
     geometry: MapGeometry,
     social: bool,
-    speed_price: float,
+    detour: Detour,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Replay:
     """Open the demonstrations, recording what is missing of them.
@@ -85,13 +85,13 @@ def load_demonstrations(
         teacher: name of an agent.
         transitions: how many.
         geometry: of the obstacle maps.
-        social, speed_price: what the sampled rewards are made of, as in ``Replay``.
+        social, detour: what the sampled rewards are made of, as in ``Replay``.
         progress: called with the number of transitions there are.
     """
     # An episode that has begun is driven to its end, which takes some more rows.
     folder = runs / f"demonstrations-{teacher}-{transitions}-{worlds_digest()}"
     rows = -(-transitions // LANES) + 400
-    replay = Replay(LANES, rows, geometry.cells, social, speed_price, folder)
+    replay = Replay(LANES, rows, geometry.cells, social, detour, folder)
     if len(replay) < transitions:
         replay.cut()
         _record(replay, teacher, transitions, geometry, progress)

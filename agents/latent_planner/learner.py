@@ -8,9 +8,9 @@ from typing import Any
 
 import torch
 from crowdbench_agents.latent_planner.config import Config
-from crowdbench_agents.latent_planner.losses import best_action, model_loss, policy_loss
+from crowdbench_agents.latent_planner.losses import model_loss, policy_loss
 from crowdbench_agents.latent_planner.replay import Batch
-from crowdbench_agents.latent_planner.world_model import ActionBounds, WorldModel
+from crowdbench_agents.latent_planner.world_model import WorldModel
 from torch import Tensor
 
 DEAD_SPREAD = 0.01
@@ -28,14 +28,12 @@ class Learner:
 
     Args:
         config: all settings.
-        bounds: of the robot's actions.
         seed: of the initial parameters and of the noise in the losses.
     """
 
-    def __init__(self, config: Config, bounds: ActionBounds, seed: int) -> None:
+    def __init__(self, config: Config, seed: int) -> None:
         torch.manual_seed(seed)
         self.config = config
-        self._centre, self._half = map(torch.from_numpy, bounds)
         self.generator = torch.Generator().manual_seed(seed)
         self.model = WorldModel(config.model, config.perception.cells)
         self.target = copy.deepcopy(self.model).requires_grad_(False)
@@ -90,15 +88,9 @@ class Learner:
 
         self._train_only_policy(True)
         with self.precision():
-            best = None
-            if loss.improvement > 0:
-                previous = (batch.inputs.velocity[0] - self._centre) / self._half
-                best = best_action(
-                    self.model, result.latents[0], previous, self.config.planner, self._half
-                )
             actor = policy_loss(
                 self.model, result.latents, batch, loss, self.alpha, self.q_scale,
-                self._noise(batch.action.shape), teaching, best,
+                self._noise(batch.action.shape), teaching,
             )  # fmt: skip
         terms |= actor.terms
         terms["policy_gradient"] = self._step("policy", actor.total, self._policy_parameters)

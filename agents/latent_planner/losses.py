@@ -5,15 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from crowdbench_agents.latent_planner.config import Loss, Planner
-from crowdbench_agents.latent_planner.mppi import arcs, roughness
+from crowdbench_agents.latent_planner.config import Loss
 from crowdbench_agents.latent_planner.replay import Batch
 from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
-
-MARGIN = 0.1
-"""An action has to be better than the policy's by this much, in units of Q, to be imitated."""
 
 
 class ModelLoss(NamedTuple):
@@ -137,7 +133,7 @@ class PolicyLoss(NamedTuple):
 
     Attributes:
         total: to be minimised.
-        terms: entropy [nats], value, imitation error, and what the best actions gain in Q.
+        terms: entropy [nats], value and imitation error.
         values: (H, B) Q of the policy's actions, without gradient, for the running scale.
     """
 
@@ -155,13 +151,10 @@ def policy_loss(
     q_scale: float,
     noise: Tensor,
     teaching: float = 0.0,
-    best: BestAction | None = None,
 ) -> PolicyLoss:
     """L_pi of the paper: sum of rho^t [alpha log pi - Q / scale + lambda |a - a_mppi|^2].
 
-    The teacher's advice is imitated like MPPI's plans, with a weight of its own, and so is the
-    best of some actions in the first states, since the slope of Q leads to the nearest maximum
-    only.
+    The teacher's advice is imitated like MPPI's plans, with a weight of its own.
 
     Args:
         model: of which only the policy is trained here.
@@ -172,7 +165,6 @@ def policy_loss(
         q_scale: divides Q, so that the weights mean the same at each stage of training.
         noise: (H, B, 2) standard normal.
         teaching: present weight of the imitation of the teacher.
-        best: what Q likes best in the states latents[0].
     """
     action, log_prob = model.sample(latents, noise)
     values = model.q(latents, action).float()
@@ -188,47 +180,7 @@ def policy_loss(
         "imitation": _mean(error, batch.planned * weight),
         "teaching": _mean(error, batch.taught * weight),
     }
-    total = (each * weight).sum()
-    if best is not None:
-        error = (model.act(latents[0]) - best.action).square().sum(dim=-1)
-        total = total + loss.improvement * (error * _shares(batch.valid[0])).sum()
-        terms["improvement"] = _mean(best.gain, batch.valid[0])
-    return PolicyLoss(total, terms, value.detach())
-
-
-class BestAction(NamedTuple):
-    """The best by Q of the policy's action and the arcs, for B states.
-
-    Attributes:
-        action: (B, 2) in [-1, 1].
-        gain: (B,) by how much it is better than the policy's, beyond the margin.
-    """
-
-    action: Tensor
-    gain: Tensor
-
-
-@torch.no_grad()
-def best_action(
-    model: WorldModel, z: Tensor, previous: Tensor, settings: Planner, half_range: Tensor
-) -> BestAction:
-    """Search Q of one action, less the penalty of its change, on the grid of the arcs.
-
-    Args:
-        model: the world model.
-        z: (B, latent) states.
-        previous: (B, 2) the actions executed before, in [-1, 1].
-        settings: arcs and smoothness weight.
-        half_range: (2,) half the range of v [m/s] and w [rad/s].
-    """
-    own = model.act(z)[:, None]
-    candidates = torch.cat([own, arcs(settings)[:, 0].expand(len(z), -1, -1)], dim=1)
-    q = model.q(z[:, None].expand(-1, candidates.shape[1], -1), candidates).float().amin(dim=0)
-    penalty = roughness(candidates[:, :, None], previous, half_range)
-    score = q - settings.smoothness_weight * penalty
-    score[:, 1:] -= MARGIN
-    best, index = score.max(dim=1)
-    return BestAction(candidates[torch.arange(len(z)), index], best - score[:, 0])
+    return PolicyLoss((each * weight).sum(), terms, value.detach())
 
 
 def _mean(error: Tensor, weight: Tensor) -> Tensor:

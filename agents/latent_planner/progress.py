@@ -89,8 +89,8 @@ class Journal:
             The point of the learning curve.
         """
         row = {
-            **counts, "success": result.mean, "smoothness": result.smoothness,
-            "time_to_goal": result.seconds, **result.success,
+            **counts, "success": result.mean, "spl": result.mean_spl,
+            "smoothness": result.smoothness, "time_to_goal": result.seconds, **result.success,
         }  # fmt: skip
         row |= {f"training_{name}": value for name, value in training.items()}
         row = {name: round(value, 4) for name, value in row.items()}
@@ -101,7 +101,8 @@ class Journal:
         each = " ".join(f"{value:.2f}" for value in result.success.values())
         self.say(
             f"{row['seconds'] / 60:.1f} min, {row['steps']} steps, {row['updates']} updates: "
-            f"policy success {result.mean:.3f} ({each}), smoothness {result.smoothness:.3f}"
+            f"policy success {result.mean:.3f} ({each}), SPL {result.mean_spl:.3f}, "
+            f"smoothness {result.smoothness:.3f}"
         )
         return row
 

@@ -27,8 +27,8 @@ class Batch(NamedTuple):
     Attributes:
         inputs: (H + 1, B, ...) observations.
         action: (H, B, 2) executed, in [-1, 1].
-        reward: (H, B) the environment's, with or without the social term, less the price of the
-            way.
+        reward: (H, B) the environment's, with or without the social term, less the price of
+            detours.
         end: (H, B) 1 where the action ended the episode by arrival or collision.
         collision: (H, B) 1 where the action ended it by collision.
         valid: (H, B) 1 up to the end of the episode, 0 behind it.
@@ -67,6 +67,29 @@ class Rows(NamedTuple):
     source: NDArray[np.uint8]
 
 
+class Detour(NamedTuple):
+    """What each metre costs that is driven beyond those gained towards the goal.
+
+    Up to a potential (Ng, Harada and Russell 1999) it is a price on the length of the way, which is
+    what SPL asks for, but going straight to the goal costs nothing.
+
+    Attributes:
+        metre: the price of a metre.
+        period: duration of a step [s].
+    """
+
+    metre: float
+    period: float
+
+    def price(
+        self, velocity: NDArray[np.float32], goal: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """(H, B) for velocities v [m/s], w [rad/s] and goals [m], as observed, (H + 1, B, 2)."""
+        driven = np.abs(velocity[1:, :, 0]) * self.period  # observed after the step
+        gained = -np.diff(np.linalg.norm(goal, axis=-1), axis=0)
+        return np.float32(self.metre) * (driven - gained)
+
+
 class ReplayError(RuntimeError):
     """A replay that cannot be made or used; the message says why."""
 
@@ -79,7 +102,7 @@ class Replay:
         rows: rows per lane; the oldest are overwritten.
         cells: cells along each side of the maps.
         social: whether sampled rewards include the social term.
-        speed_price: what sampled rewards are less by for each m/s at which a step is driven.
+        detour: whose price is taken off sampled rewards.
         folder: where the arrays live; None keeps them in memory. Existing ones are continued.
     """
 
@@ -89,10 +112,10 @@ class Replay:
         rows: int,
         cells: int,
         social: bool = True,
-        speed_price: float = 0.0,
+        detour: Detour | None = None,
         folder: Path | None = None,
     ) -> None:
-        self._social, self._speed_price = social, speed_price
+        self._social, self._detour = social, detour
         self.lanes, self.rows = lanes, rows
         shapes = {
             "map": ((cells, cells), np.uint8), "velocity": ((2,), np.float32),
@@ -197,9 +220,9 @@ class Replay:
         reward = data.reward[lane, actions]
         if self._social:
             reward = reward + data.social[lane, actions]
-        # A velocity is observed after the step that was driven at it.
-        velocity = data.velocity[lane, steps] * sign
-        reward = reward - np.float32(self._speed_price) * np.abs(velocity[1:, :, 0])
+        velocity, goal = data.velocity[lane, steps] * sign, data.goal[lane, steps] * sign
+        if self._detour is not None:
+            reward = reward - self._detour.price(velocity, goal)
 
         def tensor(array: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(array))
@@ -211,7 +234,7 @@ class Replay:
             inputs=Inputs(
                 tensor(maps),
                 tensor(velocity),
-                tensor(data.goal[lane, steps] * sign),
+                tensor(goal),
             ),
             action=tensor(data.action[lane, actions] * sign),
             reward=tensor(reward),

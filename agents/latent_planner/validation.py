@@ -13,6 +13,7 @@ from crowdbench_agents.perception import MapGeometry
 from numpy.typing import NDArray
 
 import crowdbench
+from crowdbench.evaluation.metrics import path_efficiency, shortest_way
 
 FIRST_SEED = 900_000
 ENVIRONMENTS = 64
@@ -43,11 +44,13 @@ class Validation(NamedTuple):
 
     Attributes:
         success: share of successes by scenario.
+        spl: mean success weighted by path length, by scenario (crowdbench.evaluation.metrics).
         smoothness: mean squared change of (v [m/s], w [rad/s]) over all steps.
         seconds: mean time of the successful episodes [s].
     """
 
     success: dict[str, float]
+    spl: dict[str, float]
     smoothness: float
     seconds: float
 
@@ -55,6 +58,11 @@ class Validation(NamedTuple):
     def mean(self) -> float:
         """Mean success over scenarios."""
         return float(np.mean(list(self.success.values())))
+
+    @property
+    def mean_spl(self) -> float:
+        """Mean SPL over scenarios."""
+        return float(np.mean(list(self.spl.values())))
 
 
 def validate(
@@ -76,8 +84,17 @@ def validate(
     names = scenarios or crowdbench.scenario_names()
     wanted = ((name, first_seed + number) for number in range(episodes) for name in names)
     crowds = Crowds(min(ENVIRONMENTS, len(names) * episodes), wanted, geometry)
-    running = crowds.begin(np.arange(crowds.count))
+    shortest, driven = np.zeros((2, crowds.count))
+
+    def begin(which: NDArray[np.integer]) -> NDArray[np.integer]:
+        begun = crowds.begin(which)
+        for index in begun:
+            shortest[index], driven[index] = _shortest_way(crowds, index), 0.0
+        return begun
+
+    running = begin(np.arange(crowds.count))
     success = {name: [] for name in names}
+    efficiency = {name: [] for name in names}
     changes, seconds = [], []
     steps = np.zeros(crowds.count, np.int64)
     while len(running):
@@ -86,21 +103,41 @@ def validate(
         action = crowds.bounds.physical(act(Moment(sensed, velocity, running, steps[running])))
         moving = steps[running] > 0
         changes.append(np.square(action - sensed.velocity).sum(axis=-1)[moving])
+        before = _positions(crowds, running)
         result = crowds.step(running, action)
+        driven[running] += np.linalg.norm(_positions(crowds, running) - before, axis=-1)
         steps[running] += 1
         over = running[result.over]
         for index, outcome in zip(over, result.outcome[result.over], strict=True):
-            success[crowds.scenario[index]].append(outcome == "success")
-            if outcome == "success":
+            arrived, name = outcome == "success", crowds.scenario[index]
+            success[name].append(arrived)
+            efficiency[name].append(arrived and path_efficiency(shortest[index], driven[index]))
+            if arrived:
                 seconds.append(steps[index] * crowds.robot.control_period)
             steps[index] = 0
-        begun = crowds.begin(over)
+        begun = begin(over)
         running = np.sort(np.concatenate([running[~result.over], begun]))
     return Validation(
         {name: float(np.mean(values)) for name, values in success.items()},
+        {name: float(np.nanmean(values)) for name, values in efficiency.items()},
         float(np.concatenate(changes).mean()),
         float(np.mean(seconds)) if seconds else float("nan"),
     )
+
+
+def _shortest_way(crowds: Crowds, index: int) -> float:
+    environment, robot = crowds.environments[index], crowds.robot
+    assert environment is not None
+    state = environment.state()
+    return shortest_way(
+        state["robot_pose"][0, :2], state["robot_goal"][0], state["walls"], state["obstacles"],
+        (robot.length, robot.width), robot.goal_tolerance,
+    )  # fmt: skip
+
+
+def _positions(crowds: Crowds, which: NDArray[np.integer]) -> NDArray[np.float32]:
+    """(M, 2) by odometry [m]."""
+    return np.stack([crowds.raw[index]["pose"][:2] for index in which])
 
 
 def policy_act(model: WorldModel) -> Act:

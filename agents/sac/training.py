@@ -22,7 +22,7 @@ from crowdbench_agents.latent_planner.demonstrations import Teachers, load_demon
 from crowdbench_agents.latent_planner.learner import TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
-from crowdbench_agents.latent_planner.replay import Replay
+from crowdbench_agents.latent_planner.replay import Detour, Replay
 from crowdbench_agents.latent_planner.training import (
     CURVES,
     RUNS,
@@ -93,12 +93,12 @@ class SacRun:
         count = settings.environments
         rows = -(-settings.replay // count)
         crowds = Crowds(count, self.mixture, geometry)
-        price = settings.length_price * crowds.robot.control_period
-        self.replay = Replay(count, rows, geometry.cells, social, price, folder / "replay")
+        detour = Detour(settings.detour_price, crowds.robot.control_period)
+        self.replay = Replay(count, rows, geometry.cells, social, detour, folder / "replay")
         demonstrations = None
         if settings.demonstrations:
             demonstrations = load_demonstrations(
-                folder.parent, settings.teacher, settings.demonstrations, geometry, social, price
+                folder.parent, settings.teacher, settings.demonstrations, geometry, social, detour
             )
         taught = np.arange(count - settings.taught_environments, count)
         features = {

@@ -59,23 +59,39 @@ def success(episode: Episode) -> float:
 def spl(episode: Episode) -> float:
     """Success weighted by path length, S L* / max(L, L*) (Anderson et al. 2018).
 
-    L* is the shortest path among walls and static obstacles that keeps half the footprint's lesser
-    side away from them, which is the least distance any pose needs, less the goal tolerance. NaN
-    when the robot arrived although no such path leads to the goal's centre.
+    NaN when the robot arrived although there is no L*.
     """
     if episode.outcome != "success":
         return 0.0
-    to_centre = shortest_path(
-        episode.robot_pose[0, :2],
-        episode.goal,
-        episode.walls,
-        episode.obstacles,
-        clearance=min(episode.footprint) / 2,
-    )
-    if math.isinf(to_centre):
+    shortest = shortest_way(
+        episode.robot_pose[0, :2], episode.goal, episode.walls, episode.obstacles,
+        episode.footprint, episode.goal_tolerance,
+    )  # fmt: skip
+    return path_efficiency(shortest, path_length(episode))
+
+
+def shortest_way(
+    start: NDArray[np.floating],
+    goal: NDArray[np.floating],
+    walls: NDArray[np.floating],
+    obstacles: NDArray[np.floating],
+    footprint: tuple[float, float],
+    goal_tolerance: float,
+) -> float:
+    """L* [m]: the shortest path among walls and static obstacles, less the goal tolerance.
+
+    It keeps half the footprint's lesser side away from them, which is the least distance any pose
+    needs. Infinite when no such path leads to the goal's centre.
+    """
+    to_centre = shortest_path(start, goal, walls, obstacles, clearance=min(footprint) / 2)
+    return max(to_centre - goal_tolerance, 0.0)
+
+
+def path_efficiency(shortest: float, driven: float) -> float:
+    """L* / max(L, L*) of a way that has arrived; NaN where there is no L*."""
+    if math.isinf(shortest):
         return math.nan
-    shortest = max(to_centre - episode.goal_tolerance, 0.0)
-    longer = max(path_length(episode), shortest)
+    longer = max(driven, shortest)
     return shortest / longer if longer > 0 else 1.0
 
 

@@ -5,6 +5,7 @@ import pytest
 from crowdbench_agents.latent_planner.replay import (
     PLANNER,
     TEACHER,
+    Detour,
     Replay,
     ReplayError,
     Rows,
@@ -148,11 +149,20 @@ def test_the_social_term_is_left_out_where_it_is_switched_off():
     np.testing.assert_array_equal(batch.reward, batch.inputs.velocity[:-1, :, 0])
 
 
-def test_driving_costs_what_the_speed_observed_after_the_step_says():
-    """The reward of ``rows`` is the time, and so is the speed: t - 0.25 (t + 1)."""
-    replay = Replay(1, 20, cells=16, social=False, speed_price=0.25)
+def test_what_is_driven_beyond_what_is_gained_has_its_price():
+    """By hand: 0.5 m straight on, 0.3 m away from the goal, a turn on the spot, 0.4 m across."""
+    velocity = np.float32([[0, 0], [1.0, 0], [0.6, 1], [0, -1], [0.8, 0]])
+    goal = np.float32([[3, 4], [2.7, 3.6], [2.88, 3.84], [-4.8, 0], [-4.8, 0.4]])
+    price = Detour(metre=2.0, period=0.5).price(velocity[:, None], goal[:, None])
+    across = 0.4 + np.hypot(4.8, 0.4) - 4.8
+    np.testing.assert_allclose(price[:, 0], [0, 2 * 0.6, 0, 2 * across], atol=1e-5)
+
+
+def test_the_price_of_detours_is_taken_off_the_rewards():
+    replay = Replay(1, 20, cells=16, social=False, detour=Detour(metre=2.0, period=0.5))
     for time in range(8):
         replay.append(np.array([0]), rows(np.array([0]), time, 0))
     batch = replay.sample(10, 3, np.random.default_rng(0), reflect=True)
     time = batch.inputs.velocity[:-1, :, 0]
-    np.testing.assert_allclose(batch.reward, 0.75 * time - 0.25)
+    # the speed observed after the step is t + 1, and the goal at (0, t + 1) recedes by a metre
+    np.testing.assert_allclose(batch.reward, time - 2.0 * (0.5 * (time + 1) + 1))

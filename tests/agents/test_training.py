@@ -8,14 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from crowdbench_agents.latent_planner.config import Config, ConfigError, Loss, Planner, load_config
+from crowdbench_agents.latent_planner.config import Config, ConfigError, Loss, load_config
 from crowdbench_agents.latent_planner.crowds import Sensed
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
 from crowdbench_agents.latent_planner.losses import (
-    MARGIN,
-    BestAction,
-    best_action,
     model_loss,
     policy_loss,
     target_steps,
@@ -37,6 +34,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import crowdbench
+from crowdbench.evaluation.metrics import metrics
+from crowdbench.evaluation.rollout import run_episode
 
 TINY = {
     "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "model.dynamics_hidden": 32,
@@ -47,8 +46,6 @@ TINY = {
     "training.pretraining": 0, "training.validation_episodes": 1, "planner.horizon": 3,
     "training.bfloat16": False,
 }  # fmt: skip
-
-BOUNDS = ActionBounds(np.float32([0.5, 0.0]), np.float32([0.5, 1.5]))
 
 
 def tiny(**changes):
@@ -116,7 +113,7 @@ def test_value_targets_sum_rewards_up_to_the_next_target_step(horizon, steps, se
 
 def test_steps_behind_the_end_of_an_episode_do_not_count():
     config = tiny()
-    learner = Learner(config, BOUNDS, seed=0)
+    learner = Learner(config, seed=0)
     batch = sequences(3, 5)
     batch.valid[1:] = 0
     other = batch._replace(reward=batch.reward.clone())
@@ -154,91 +151,12 @@ def test_policy_loss_by_hand():
     assert float(result.total) == pytest.approx((first + 0.5 * second + 0.25 * third) / 1.75)
 
 
-def test_the_best_action_is_imitated_where_the_policy_has_another():
-    class Still(Linear):
-        """Its policy stands still, in [0, 0]."""
-
-        @staticmethod
-        def act(z):
-            return torch.zeros(len(z), 2)
-
-    batch, noise = sequences(2, 2), torch.zeros(2, 2, 2)
-    best = BestAction(torch.tensor([[0.6, 0.0], [0.0, 0.2]]), torch.tensor([2.0, 1.0]))
-    loss = Loss(imitation=0.0, improvement=3.0)
-    without, with_ = (
-        policy_loss(Still, torch.zeros(2, 2, 4), batch, loss, 0.1, 4.0, noise, best=x)
-        for x in (None, best)
-    )
-    assert float(with_.total - without.total) == pytest.approx(3 * (0.36 + 0.04) / 2)
-    assert float(with_.terms["improvement"]) == pytest.approx(1.5)
-
-
-class Hills:
-    """A critic with a low hill at -0.5 and a high one at 1 of the turn rate, the policy on the low.
-
-    Q = 1 and ``high`` on the hills, less the squared distance; the second Q is never the smaller.
-    """
-
-    def __init__(self, high, own=-0.5):
-        self.high, self.own = high, own
-
-    def act(self, z):
-        return torch.tensor([0.0, self.own]).expand(len(z), 2)
-
-    def q(self, z, action):
-        low = 1 - (action[..., 1] + 0.5).square()
-        high = self.high - (action[..., 1] - 1).square()
-        value = torch.maximum(low, high) - action[..., 0].square()
-        return torch.stack([value + 5, value])
-
-
-def best_of(hills, weight=0.0, previous=(0.0, 0.0)):
-    planner = Planner(arcs=(3, 3), smoothness_weight=weight)
-    half = torch.tensor([0.5, 1.5])
-    return best_action(hills, torch.zeros(1, 4), torch.tensor([previous]), planner, half)
-
-
-def test_the_best_action_is_found_across_a_valley():
-    found = best_of(Hills(high=2.0))
-    assert found.action.tolist() == [[0, 1]]
-    assert float(found.gain) == pytest.approx(1 - MARGIN)
-
-
-def test_the_policys_action_stays_unless_another_is_clearly_better():
-    assert best_of(Hills(high=1.0 + MARGIN / 2)).action.tolist() == [[0, -0.5]]
-    assert float(best_of(Hills(high=1.0 + MARGIN / 2)).gain) == 0
-
-
-def test_the_change_of_the_action_has_its_price_in_the_choice_of_the_best():
-    # to the high hill from a turn rate of -0.5: 1.5 x 1.5 rad/s, squared 5.06; its gain is 1
-    assert best_of(Hills(high=2.0), 0.17, (0.0, -0.5)).action.tolist() == [[0, 1]]
-    assert best_of(Hills(high=2.0), 0.18, (0.0, -0.5)).action.tolist() == [[0, -0.5]]
-
-
-def test_improvement_without_arcs_is_refused():
-    with pytest.raises(ConfigError, match=r"loss.improvement needs planner.arcs"):
-        tiny(**{"loss.improvement": 1.0, "planner.arcs": None})
-
-
-def test_improvement_moves_the_policy_of_a_learner_towards_the_best_actions():
-    """Nothing else moves, and Q stays the constant 0: least change of the action is best."""
-    changes = {
-        "loss.improvement": 1.0, "loss.imitation": 0.0, "loss.imitation_shaping": 0.0,
-        "loss.entropy_target": None, "loss.entropy": 0.0, "loss.reward": 0.0, "loss.value": 0.0,
-        "loss.consistency": 0.0, "loss.termination": 0.0, "planner.smoothness_weight": 1.0,
-    }  # fmt: skip
-    learner = Learner(tiny(**changes), BOUNDS, seed=0)
-    batch = sequences(3, 16)
-    first, *_, last = [float(learner.update(batch)["improvement"]) for _ in range(100)]
-    assert last < first / 2
-
-
 def test_updates_on_a_fixed_batch_reduce_every_loss():
     changes = {
         "loss.imitation": 10.0, "loss.imitation_shaping": 0.0, "loss.entropy_target": -4.0,
         "training.reward_scale": 1.0,
     }  # fmt: skip
-    learner = Learner(tiny(**changes), BOUNDS, seed=0)
+    learner = Learner(tiny(**changes), seed=0)
     batch = sequences(3, 16)
     history = [learner.update(batch) for _ in range(150)]
     for name in ("reward", "termination", "imitation"):
@@ -257,11 +175,11 @@ def test_updates_on_a_fixed_batch_reduce_every_loss():
 )
 def test_a_dead_training_is_stopped(terms, message):
     with pytest.raises(TrainingError, match=message):
-        Learner(tiny(), BOUNDS, seed=0).check(terms)
+        Learner(tiny(), seed=0).check(terms)
 
 
 def test_a_collapsed_encoder_is_noticed():
-    learner = Learner(tiny(), BOUNDS, seed=0)
+    learner = Learner(tiny(), seed=0)
     with torch.no_grad():
         for parameter in learner.model.encoder.fuse.parameters():
             parameter.zero_()
@@ -273,14 +191,14 @@ def test_a_collapsed_encoder_is_noticed():
 
 def test_a_restored_learner_goes_on_as_if_nothing_had_happened(tmp_path):
     batches = [sequences(3, 8, seed=i) for i in range(6)]
-    straight = Learner(tiny(), BOUNDS, seed=0)
+    straight = Learner(tiny(), seed=0)
     for batch in batches:
         straight.update(batch)
-    first = Learner(tiny(), BOUNDS, seed=0)
+    first = Learner(tiny(), seed=0)
     for batch in batches[:3]:
         first.update(batch)
     torch.save(first.state(), tmp_path / "state.pt")
-    second = Learner(tiny(), BOUNDS, seed=9)
+    second = Learner(tiny(), seed=9)
     second.restore(torch.load(tmp_path / "state.pt", weights_only=True))
     for batch in batches[3:]:
         second.update(batch)
@@ -291,7 +209,7 @@ def test_a_restored_learner_goes_on_as_if_nothing_had_happened(tmp_path):
 
 def test_learning_rates_fall_between_two_counts_of_updates():
     rates = {"training.learning_rate_model": 1e-3, "training.learning_rate": 2e-3}
-    learner = Learner(tiny(**rates, **{"training.learning_rate_decay": [2, 4]}), BOUNDS, seed=0)
+    learner = Learner(tiny(**rates, **{"training.learning_rate_decay": [2, 4]}), seed=0)
     seen = []
     for seed in range(6):
         learner.update(sequences(3, 8, seed))
@@ -309,8 +227,9 @@ def test_a_decay_without_length_is_refused(decay):
 
 def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
     config = Config()
-    learner = Learner(tiny(), BOUNDS, seed=0)
-    explorer = Explorer(learner.model, config, BOUNDS, seed=0)
+    learner = Learner(tiny(), seed=0)
+    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
+    explorer = Explorer(learner.model, config, ActionBounds.of(robot), seed=0)
     seen = []
     for explorer.decisions in (0, 12_500, 25_000, 10**6):
         seen.append(explorer.epsilon)
@@ -319,7 +238,8 @@ def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
 
 def test_plans_are_examples_only_where_they_have_just_been_made():
     config = tiny(**{"training.planning_environments": 4, "training.taught_environments": 0})
-    explorer = Explorer(Learner(config, BOUNDS, seed=0).model, config, BOUNDS, seed=0)
+    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
+    explorer = Explorer(Learner(config, seed=0).model, config, ActionBounds.of(robot), seed=0)
     sensed = Sensed(
         np.zeros((4, 16, 16), np.uint8), np.zeros((4, 2), np.float32), np.ones((4, 2), np.float32)
     )
@@ -353,6 +273,38 @@ def test_validation_counts_arrivals():
     assert standing.success == {"corridor_sparse": 0.0}
     assert standing.smoothness == 0.0
     assert moving.success["unimodal_slow"] in (0.0, pytest.approx(1 / 3), pytest.approx(2 / 3), 1.0)
+
+
+class Wavering(crowdbench.Agent):
+    """Drives towards the goal, and to its left and right on the way, so that L is above L*."""
+
+    def reset(self, robot, seed):
+        self._step = 0
+
+    def act(self, observation):
+        bearing = np.arctan2(observation.goal[1], observation.goal[0])
+        action = waver(np.array([bearing]), np.array([self._step]))[0] * [0.5, 1.5] + [0.5, 0]
+        self._step += 1
+        return action.astype(np.float32)
+
+
+def waver(bearing, steps):
+    turn = np.clip(bearing + np.sin(steps / 4), -1, 1)
+    return np.stack([np.full(len(turn), 0.6), turn], axis=-1).astype(np.float32)
+
+
+def test_validation_has_the_success_and_spl_of_the_evaluator():
+    def act(moment):
+        return waver(np.arctan2(moment.sensed.goal[:, 1], moment.sensed.goal[:, 0]), moment.steps)
+
+    names, count = ["corridor_sparse", "unimodal_slow"], 4
+    found = validate(act, MapGeometry(16, 6.0, 4.0), count, names)
+    for name in names:
+        episodes = [run_episode(name, [Wavering()], seed)[0] for seed in range(900_000, 900_004)]
+        for metric, values in (("success", found.success), ("spl", found.spl)):
+            expected = np.mean([metrics(episode)[metric] for episode in episodes])
+            assert values[name] == pytest.approx(expected, abs=1e-4)
+        assert 0 < found.spl[name] < found.success[name]
 
 
 def test_validation_runs_the_wanted_episodes_one_after_another(monkeypatch):
