@@ -4,24 +4,36 @@ from __future__ import annotations
 
 import csv
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 
 from crowdbench_agents.latent_planner.validation import Validation
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 
 @contextmanager
-def stop_on_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGINT raise KeyboardInterrupt, also in a job started in the background."""
-    before = {
-        number: signal.signal(number, signal.default_int_handler)
-        for number in (signal.SIGTERM, signal.SIGINT)
-    }
+def stop_on_signals() -> Iterator[Callable[[], bool]]:
+    """Notice SIGTERM and SIGINT, also in a job started in the background.
+
+    An exception instead could be lost in a callback of a C library, or tear a step of the replay
+    apart; who cannot wait raises it with a second signal.
+
+    Yields:
+        Whether to stop.
+    """
+    asked = False
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    before = {n: signal.signal(n, handle) for n in (signal.SIGTERM, signal.SIGINT)}
     try:
-        yield
+        yield lambda: asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

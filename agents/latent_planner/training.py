@@ -6,10 +6,13 @@ into the replay, and the networks are updated. Demonstrations come first and sta
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -205,30 +208,33 @@ def train(
     """
     config = (config or load_config()).override(overrides or {})
     folder = RUNS / name
-    check_folder(folder, resume)
-    keep_freed_memory()
-    torch.set_num_threads(1)
-    folder.mkdir(parents=True, exist_ok=True)
-    run = Run(folder, config, seed, social)
-    if resume:
-        run.restore()
-    facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
-    total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-    curve = CURVES / f"{name}.csv"
-    if not resume:
-        curve.unlink(missing_ok=True)
-    with stop_on_signals(), Journal(name, folder, curve, total) as journal:
-        try:
-            _loop(run, journal, facts, minutes, steps)
-        except KeyboardInterrupt:
-            journal.say("stopped; --resume continues this run")
-        run.save()
-        run.export("last", facts | {"steps": run.steps, "seconds": run.seconds})
+    with run_folder(folder, resume):
+        keep_freed_memory()
+        torch.set_num_threads(1)
+        run = Run(folder, config, seed, social)
+        if resume:
+            run.restore()
+        facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
+        total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
+        curve = CURVES / f"{name}.csv"
+        if not resume:
+            curve.unlink(missing_ok=True)
+        with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
+            _loop(run, journal, facts, minutes, steps, stopping)
+            if stopping():
+                journal.say("stopped; --resume continues this run")
+            run.save()
+            run.export("last", facts | {"steps": run.steps, "seconds": run.seconds})
     return folder
 
 
 def _loop(
-    run: Run, journal: Journal, facts: Mapping[str, Any], minutes: float | None, steps: int | None
+    run: Run,
+    journal: Journal,
+    facts: Mapping[str, Any],
+    minutes: float | None,
+    steps: int | None,
+    stopping: Callable[[], bool],
 ) -> None:
     settings = run.config.training
     begun, before = time.perf_counter(), run.seconds
@@ -248,6 +254,8 @@ def _loop(
     if run.demonstrations is not None:
         while run.learner.updates < settings.pretraining:
             update()
+            if stopping():
+                return
             if count % 100 == 0:
                 run.learner.check(_means(sums, count))
                 shares = f"{run.learner.updates}/{settings.pretraining} updates on demonstrations"
@@ -257,7 +265,7 @@ def _loop(
             _validate(run, journal, facts)
             saved = validated = time.perf_counter()
     run.begin()
-    while True:
+    while not stopping():
         run.step()
         if len(run.replay) >= settings.warmup:
             owed += settings.updates_per_step
@@ -348,14 +356,27 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
     return state
 
 
-def check_folder(folder: Path, resume: bool) -> None:
-    """Refuse to overwrite a run, or to resume none.
+@contextmanager
+def run_folder(folder: Path, resume: bool) -> Iterator[None]:
+    """Make a run's folder and keep other processes out of it.
 
     Raises:
-        TrainingError: there is a run and ``resume`` is not asked for, or the reverse.
+        TrainingError: there is a run and ``resume`` is not asked for, or the reverse, or another
+            process is training it.
     """
     there = (folder / "checkpoint.pt").is_file()
     if resume and not there:
         raise TrainingError(f"nothing to resume: {folder / 'checkpoint.pt'} does not exist")
     if not resume and there:
         raise TrainingError(f"{folder} holds a run; resume it, or remove or rename the folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise TrainingError(f"{folder}: another process is training this run") from None
+    try:
+        yield
+    finally:
+        os.close(lock)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,8 @@ from crowdbench_agents.latent_planner.training import (
     CURVES,
     RUNS,
     Mixture,
-    check_folder,
     load_checkpoint,
+    run_folder,
     save_checkpoint,
 )
 from crowdbench_agents.latent_planner.validation import Moment, validate
@@ -47,14 +47,22 @@ class Keeper(BaseCallback):
     """Validates, saves and ends the training."""
 
     def __init__(
-        self, run: SacRun, journal: Journal, minutes: float | None, steps: int | None
+        self,
+        run: SacRun,
+        journal: Journal,
+        minutes: float | None,
+        steps: int | None,
+        stopping: Callable[[], bool],
     ) -> None:
         super().__init__()
+        self._stopping = stopping
         self._run, self._journal, self._minutes, self._steps = run, journal, minutes, steps
         self._begun = self._saved = self._validated = self._noted = time.perf_counter()
         self._before, self._noted_steps = run.seconds, run.model.num_timesteps
 
     def _on_step(self) -> bool:
+        if self._stopping():
+            return False
         run, now = self._run, time.perf_counter()
         settings = run.config.training
         elapsed, steps = now - self._begun, run.model.num_timesteps
@@ -153,11 +161,11 @@ class SacRun:
         error = (action - batch.reference[0][taught]).square().sum(dim=-1)
         (weight * error.sum() / len(batch.taught[0])).backward()
 
-    def pretrain(self, journal: Journal) -> None:
+    def pretrain(self, journal: Journal, stopping: Callable[[], bool]) -> None:
         """Updates on the demonstrations, where there are any, before acting."""
         settings, begun, before = self.config.training, time.perf_counter(), self.seconds
         wanted = settings.pretraining if settings.demonstrations else 0
-        while self.model._n_updates < wanted:
+        while self.model._n_updates < wanted and not stopping():
             self.model.train(min(100, wanted - self.model._n_updates), BATCH)
             self.check()
             self.seconds = before + time.perf_counter() - begun
@@ -259,28 +267,27 @@ def train(
     """
     config = load_config().override(overrides or {})
     folder, curve = RUNS / name, CURVES / f"{name}.csv"
-    check_folder(folder, resume)
-    keep_freed_memory()
-    torch.set_num_threads(1)
-    folder.mkdir(parents=True, exist_ok=True)
-    facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
-    run = SacRun(folder, config, seed, social, facts)
-    if resume:
-        run.restore()
-    else:
-        curve.unlink(missing_ok=True)
-    run.replay.cut()
-    total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-    with stop_on_signals(), Journal(name, folder, curve, total) as journal:
-        try:
-            run.pretrain(journal)
-            run.model.learn(
-                total_timesteps=10**12,
-                callback=Keeper(run, journal, minutes, steps),
-                reset_num_timesteps=False,
-            )
-        except KeyboardInterrupt:
-            journal.say("stopped; --resume continues this run")
-        run.save()
-        run.export("last", {"steps": run.model.num_timesteps, "seconds": run.seconds})
+    with run_folder(folder, resume):
+        keep_freed_memory()
+        torch.set_num_threads(1)
+        facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
+        run = SacRun(folder, config, seed, social, facts)
+        if resume:
+            run.restore()
+        else:
+            curve.unlink(missing_ok=True)
+        run.replay.cut()
+        total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
+        with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
+            run.pretrain(journal, stopping)
+            if not stopping():
+                run.model.learn(
+                    total_timesteps=10**12,
+                    callback=Keeper(run, journal, minutes, steps, stopping),
+                    reset_num_timesteps=False,
+                )
+            if stopping():
+                journal.say("stopped; --resume continues this run")
+            run.save()
+            run.export("last", {"steps": run.model.num_timesteps, "seconds": run.seconds})
     return folder

@@ -1,11 +1,17 @@
 """SAC's training: it learns what its teacher does, stops and goes on."""
 
+import contextlib
+import json
+import signal
+
 import numpy as np
 import pytest
 import torch
 from crowdbench_agents.latent_planner.config import load_config
+from crowdbench_agents.latent_planner.training import load_checkpoint
 from crowdbench_agents.sac.networks import load_actor
 from crowdbench_agents.sac.training import BATCH, SacRun, train
+from stable_baselines3 import SAC
 
 import crowdbench
 
@@ -45,7 +51,7 @@ def distance_from_teacher(folder, **changes):
         return float((off * batch.taught[0]).sum() / batch.taught[0].sum())
 
     before = error()
-    run.pretrain(Silent())
+    run.pretrain(Silent(), lambda: False)
     assert run.model._n_updates == 150
     return before, error()
 
@@ -100,3 +106,22 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder):
     assert updates[1] > updates[0] > TINY["training.pretraining"]
     _, config = load_actor(folder / "last.safetensors")
     assert config.model.latent == 32
+
+
+@pytest.mark.parametrize("pretraining", [0, 1000])
+def test_a_signal_stops_a_run_before_and_after_its_pretraining(
+    in_empty_folder, monkeypatch, pretraining
+):
+    train_ = SAC.train
+
+    def interrupted(model, *args, **kwargs):
+        train_(model, *args, **kwargs)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(SAC, "train", interrupted)
+    changes = TINY | {"training.pretraining": pretraining}
+    folder = train("short", steps=10_000, overrides=changes)
+    steps, updates, *_ = json.loads(load_checkpoint(folder)["counters"])
+    assert updates == (100 if pretraining else 1)
+    assert steps < 100

@@ -1,6 +1,8 @@
 """Losses by hand, learning on a fixed batch, and runs that stop and go on."""
 
+import contextlib
 import json
+import signal
 from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
@@ -21,8 +23,9 @@ from crowdbench_agents.latent_planner.losses import (
 from crowdbench_agents.latent_planner.replay import PLANNER, Batch
 from crowdbench_agents.latent_planner.training import (
     Mixture,
-    check_folder,
+    Run,
     load_checkpoint,
+    run_folder,
     save_checkpoint,
     train,
 )
@@ -374,5 +377,33 @@ def test_a_full_disk_is_told_and_leaves_the_checkpoint_before(tmp_path):
 
 
 def test_resuming_nothing_is_refused(tmp_path):
-    with pytest.raises(TrainingError, match="nothing to resume"):
-        check_folder(tmp_path, resume=True)
+    with pytest.raises(TrainingError, match="nothing to resume"), run_folder(tmp_path, resume=True):
+        pass
+
+
+def test_a_run_that_is_being_trained_cannot_be_trained_by_another(tmp_path):
+    folder = tmp_path / "run"
+    refused = pytest.raises(TrainingError, match=r"run: another process is training this run")
+    with run_folder(folder, resume=False), refused, run_folder(folder, resume=False):
+        pass
+    with run_folder(folder, resume=False):
+        pass
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
+    in_empty_folder, monkeypatch, number
+):
+    step = Run.step
+
+    def interrupted(run):
+        if run.steps == 40:
+            with contextlib.suppress(KeyboardInterrupt):  # as C libraries do
+                signal.raise_signal(number)
+        step(run)
+
+    monkeypatch.setattr(Run, "step", interrupted)
+    folder = train("short", steps=400, overrides=TINY)
+    assert json.loads(load_checkpoint(folder)["counters"])[0] == 44
+    train("short", steps=80, resume=True, overrides=TINY)
+    assert json.loads(load_checkpoint(folder)["counters"])[0] == 80
