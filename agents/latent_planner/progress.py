@@ -120,9 +120,12 @@ class Journal:
 
     def _point(self, row: Mapping[str, float]) -> None:
         """Append a point of the learning curve; its columns are those of the first point."""
-        new = not self._curve.is_file()
-        with self._curve.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(row), lineterminator="\n")
-            if new:
+        with self._curve.open("a+", newline="", encoding="utf-8") as file:
+            file.seek(0)
+            columns = next(csv.reader(file), None)
+            writer = csv.DictWriter(
+                file, columns or list(row), extrasaction="ignore", lineterminator="\n"
+            )
+            if columns is None:
                 writer.writeheader()
             writer.writerow(row)

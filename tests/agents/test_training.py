@@ -20,6 +20,7 @@ from crowdbench_agents.latent_planner.losses import (
     target_steps,
     value_targets,
 )
+from crowdbench_agents.latent_planner.progress import Journal
 from crowdbench_agents.latent_planner.replay import PLANNER, Batch
 from crowdbench_agents.latent_planner.training import (
     Mixture,
@@ -29,7 +30,7 @@ from crowdbench_agents.latent_planner.training import (
     save_checkpoint,
     train,
 )
-from crowdbench_agents.latent_planner.validation import validate
+from crowdbench_agents.latent_planner.validation import Validation, validate
 from crowdbench_agents.latent_planner.weights import load_world_model
 from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs
 from crowdbench_agents.perception import MapGeometry
@@ -407,3 +408,19 @@ def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
     assert json.loads(load_checkpoint(folder)["counters"])[0] == 44
     train("short", steps=80, resume=True, overrides=TINY)
     assert json.loads(load_checkpoint(folder)["counters"])[0] == 80
+
+
+def test_a_learning_curve_keeps_the_columns_it_began_with(tmp_path):
+    """An earlier version told no SPL."""
+    curve = tmp_path / "curve.csv"
+    counts = {"steps": 32, "decisions": 8, "updates": 1, "seconds": 2.0}
+    result = Validation({"unimodal_slow": 0.5}, {"unimodal_slow": 0.25}, 0.125, 10.0)
+    with Journal("run", tmp_path, curve, 100) as journal:
+        journal.validated(result, counts, {})
+        assert curve.read_text().splitlines() == [
+            "steps,decisions,updates,seconds,success,spl,smoothness,time_to_goal,unimodal_slow",
+            "32,8,1,2.0,0.5,0.25,0.125,10.0,0.5",
+        ]
+        curve.write_text("steps,success,unimodal_slow\n16,0.25,0.25\n")
+        journal.validated(result, counts, {})
+    assert curve.read_text() == "steps,success,unimodal_slow\n16,0.25,0.25\n32,0.5,0.5\n"
