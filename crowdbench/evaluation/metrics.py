@@ -71,10 +71,10 @@ def spl(episode: Episode) -> float:
 
 
 def shortest_way(
-    start: NDArray[np.floating],
-    goal: NDArray[np.floating],
-    walls: NDArray[np.floating],
-    obstacles: NDArray[np.floating],
+    start: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    walls: NDArray[np.float64],
+    obstacles: NDArray[np.float64],
     footprint: tuple[float, float],
     goal_tolerance: float,
 ) -> float:
