@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
 from crowdbench_agents.latent_planner.replay import NOBODY, TEACHER, Detour, Replay, Rows
 from crowdbench_agents.perception import MapGeometry
@@ -66,6 +67,21 @@ class Teachers:
         ).reshape(-1, 2)
         velocity = crowds.sensed.velocity[self.which]
         return crowds.bounds.normalised(velocity + FOLLOW * (wanted - velocity)).astype(np.float32)
+
+
+def open_replays(
+    folder: Path, config: Config, crowds: Crowds, social: bool
+) -> tuple[Replay, Replay | None]:
+    """The replay of a run in ``folder``, and the demonstrations where it has some."""
+    settings, geometry = config.training, config.perception.geometry
+    detour = Detour(settings.detour_price, crowds.robot.control_period)
+    rows = -(-settings.replay // crowds.count)
+    replay = Replay(crowds.count, rows, geometry.cells, social, detour, folder / "replay")
+    if not settings.demonstrations:
+        return replay, None
+    return replay, load_demonstrations(
+        folder.parent, settings.teacher, settings.demonstrations, geometry, social, detour
+    )
 
 
 def load_demonstrations(

@@ -90,6 +90,9 @@ class Detour(NamedTuple):
         return np.float32(self.metre) * (driven - gained)
 
 
+FREE = Detour(metre=0.0, period=0.0)
+
+
 class ReplayError(RuntimeError):
     """A replay that cannot be made or used; the message says why."""
 
@@ -112,7 +115,7 @@ class Replay:
         rows: int,
         cells: int,
         social: bool = True,
-        detour: Detour | None = None,
+        detour: Detour = FREE,
         folder: Path | None = None,
     ) -> None:
         self._social, self._detour = social, detour
@@ -221,8 +224,7 @@ class Replay:
         if self._social:
             reward = reward + data.social[lane, actions]
         velocity, goal = data.velocity[lane, steps] * sign, data.goal[lane, steps] * sign
-        if self._detour is not None:
-            reward = reward - self._detour.price(velocity, goal)
+        reward = reward - self._detour.price(velocity, goal)
 
         def tensor(array: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(array))

@@ -23,13 +23,13 @@ from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
 from crowdbench_agents.latent_planner.demonstrations import (
     Teachers,
     final_rows,
-    load_demonstrations,
+    open_replays,
 )
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner, TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
-from crowdbench_agents.latent_planner.replay import TEACHER, Batch, Detour, Replay, Rows, join
+from crowdbench_agents.latent_planner.replay import TEACHER, Batch, Rows, join
 from crowdbench_agents.latent_planner.validation import policy_act, validate
 from crowdbench_agents.latent_planner.weights import FORMAT, save_weights
 
@@ -73,19 +73,12 @@ class Run:
         self.folder, self.config = folder, config
         self.learner = Learner(config, seed)
         self.mixture = Mixture(seed)
-        settings, geometry = config.training, config.perception.geometry
+        settings = config.training
         count = settings.environments
-        self.crowds = Crowds(count, self.mixture, geometry)
+        self.crowds = Crowds(count, self.mixture, config.perception.geometry)
         self.explorer = Explorer(self.learner.model, config, self.crowds.bounds, seed)
         self.rng = np.random.default_rng([seed, 2])
-        rows = -(-settings.replay // count)
-        detour = Detour(settings.detour_price, self.crowds.robot.control_period)
-        self.replay = Replay(count, rows, geometry.cells, social, detour, folder / "replay")
-        self.demonstrations: Replay | None = None
-        if settings.demonstrations:
-            self.demonstrations = load_demonstrations(
-                folder.parent, settings.teacher, settings.demonstrations, geometry, social, detour
-            )
+        self.replay, self.demonstrations = open_replays(folder, config, self.crowds, social)
         # MPPI acts in the first environments, the teacher advises in the last.
         taught = np.arange(count - settings.taught_environments, count)
         self.teachers = Teachers(settings.teacher, self.crowds, taught)

@@ -18,11 +18,10 @@ import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config, load_config
 from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
-from crowdbench_agents.latent_planner.demonstrations import Teachers, load_demonstrations
+from crowdbench_agents.latent_planner.demonstrations import Teachers, open_replays
 from crowdbench_agents.latent_planner.learner import TrainingError
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
 from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
-from crowdbench_agents.latent_planner.replay import Detour, Replay
 from crowdbench_agents.latent_planner.training import (
     CURVES,
     RUNS,
@@ -99,15 +98,8 @@ class SacRun:
         self.mixture = Mixture(seed)
         self.rng = np.random.default_rng([seed, 2])
         count = settings.environments
-        rows = -(-settings.replay // count)
         crowds = Crowds(count, self.mixture, geometry)
-        detour = Detour(settings.detour_price, crowds.robot.control_period)
-        self.replay = Replay(count, rows, geometry.cells, social, detour, folder / "replay")
-        demonstrations = None
-        if settings.demonstrations:
-            demonstrations = load_demonstrations(
-                folder.parent, settings.teacher, settings.demonstrations, geometry, social, detour
-            )
+        self.replay, demonstrations = open_replays(folder, config, crowds, social)
         taught = np.arange(count - settings.taught_environments, count)
         features = {
             "cells": geometry.cells, "settings": config.model, "bfloat16": settings.bfloat16,

@@ -59,7 +59,7 @@ def success(episode: Episode) -> float:
 def spl(episode: Episode) -> float:
     """Success weighted by path length, S L* / max(L, L*) (Anderson et al. 2018).
 
-    NaN when the robot arrived although there is no L*.
+    L* is the ``shortest_way``. NaN when the robot arrived although there is none.
     """
     if episode.outcome != "success":
         return 0.0

@@ -213,9 +213,16 @@ def test_every_row_of_the_papers_tables_can_be_run(weights, row):
     agent = spec.make()
     actions = drive(agent, 12)
     assert np.all((actions >= [0, -1.5]) & (actions <= [1, 1.5]))
-    plans = np.ceil(12 / spec.options.get("execute", 1))
-    assert agent.diagnostics() == {"plans": plans}
-    assert len(np.unique(actions[:, 1])) > plans / 2
+    assert len(np.unique(actions[:, 1])) > 6
+    execute = spec.options.get("execute", 1)
+    assert agent.diagnostics() == {"plans": np.ceil(12 / execute)}
+
+
+def test_an_action_beyond_its_bounds_by_rounding_is_brought_back(weights, monkeypatch):
+    beyond = np.float32([1.0000001, -1.0000001])
+    assert np.all(np.abs(beyond) > 1)
+    monkeypatch.setattr(LatentPlanner, "_choose", lambda agent, inputs: beyond)
+    assert drive(LatentPlanner(weights=weights), 1).tolist() == [[1.0, -1.5]]
 
 
 @pytest.mark.parametrize(
