@@ -142,16 +142,16 @@ def measure(weights: Path, sac_weights: Path, repeats: int, console: Console) ->
     warm_up, _ = seconds(start)
     model, config = load_world_model(weights)
     products = {kind: Products(model, config, kind == "oneDNN") for kind in ("default", "oneDNN")}
-    z = model.normalise(torch.randn(1, config.model.latent))
+    views = model.normalise(torch.randn(1, 1, config.model.latent))
     settings = config.planner.model_copy(update=BUDGET | {"arcs": None})
-    arguments = z, torch.zeros(1, 2), settings, config.loss.discount, torch.tensor([0.5, 1.5])
+    arguments = views, torch.zeros(1, 2), settings, config.loss.discount, torch.tensor([0.5, 1.5])
     generator = torch.Generator().manual_seed(0)
     forms = {threads: FastPlanner(model, threads) for threads in (1, 2)}
 
     def agent(**options: object) -> Driver:
         return Driver(LatentPlanner(weights=str(weights), **options), seen)
 
-    full = {"arcs": False, **BUDGET}
+    full = {"arcs": False, "reflect": False, **BUDGET}
     cases: dict[str, tuple[Callable[[], object], int]] = {
         "matrix products alone (the floor)": (products["default"], 1),
         "the same products through oneDNN": (products["oneDNN"], 1),

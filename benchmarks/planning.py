@@ -20,7 +20,7 @@ import torch
 import yaml
 from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.mppi import Score, plan
+from crowdbench_agents.latent_planner.mppi import Score, look, plan
 from crowdbench_agents.latent_planner.validation import (
     ENVIRONMENTS,
     FIRST_SEED,
@@ -55,14 +55,15 @@ def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -
         since = moment.steps % execute
         due = np.flatnonzero(since == 0)
         if len(due):
-            z = model.encode(Inputs(*(torch.from_numpy(x[due]) for x in moment.sensed)))
+            inputs = Inputs(*(torch.from_numpy(x[due]) for x in moment.sensed))
+            views = look(model, inputs, planner)
             place, begins = moment.place[due], moment.steps[due] == 0
             later = torch.arange(execute, execute + horizon).clamp(max=horizon - 1)
             before = plans[place][:, later]
             before[begins] = 0.0
             with torch.autocast("cpu", torch.bfloat16):
                 plans[place] = plan(
-                    model, z, torch.from_numpy(moment.velocity[due]), planner,
+                    model, views, torch.from_numpy(moment.velocity[due]), planner,
                     config.loss.discount, half, generator, before, score,
                 ).actions  # fmt: skip
         return plans[moment.place, since].numpy()

@@ -32,6 +32,7 @@ class Options(BaseModel):
     candidates: Annotated[int, Field(ge=1)] | None
     elites: Annotated[int, Field(ge=1)] | None
     arcs: bool
+    reflect: bool
     values: Literal["final", "mean", "lambda"] | None
     threads: Annotated[int, Field(ge=1, le=256)] | None
 
@@ -54,6 +55,8 @@ class LatentPlanner(LearnedAgent):
         elites: candidates that the next iteration's Gaussian is fitted to (64 in the paper).
         arcs: whether there are further candidates that keep to one action, where the weights'
             configuration has them.
+        reflect: whether candidates are scored with left and right swapped as well, where the
+            weights' configuration says so.
         values: what counts of the values: "final", the Q behind the horizon, the paper's score;
             "mean", the mean of the returns of 1 .. H steps; or "lambda", their lambda-return.
         threads: used to plan; None means as many as PyTorch uses.
@@ -77,6 +80,7 @@ class LatentPlanner(LearnedAgent):
         candidates: int | None = None,
         elites: int | None = None,
         arcs: bool = True,
+        reflect: bool = True,
         values: str | None = None,
         threads: int | None = None,
     ) -> None:
@@ -91,6 +95,7 @@ class LatentPlanner(LearnedAgent):
             candidates=candidates,
             elites=elites,
             arcs=arcs,
+            reflect=reflect,
             values=values,
             threads=threads,
         )
@@ -134,10 +139,12 @@ class LatentPlanner(LearnedAgent):
         model, config = load_world_model(path)
         options = self.options
         changes = options.model_dump(
-            include=set(Planner.model_fields), exclude={"arcs"}, exclude_none=True
+            include=set(Planner.model_fields), exclude={"arcs", "reflect"}, exclude_none=True
         )
         if not options.arcs:
             changes["arcs"] = None
+        if not options.reflect:
+            changes["reflect"] = False
         if not options.policy_prior:
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)
@@ -148,18 +155,18 @@ class LatentPlanner(LearnedAgent):
     def _decide(self, inputs: Inputs) -> NDArray[np.float32]:
         """(H, 2) actions in [-1, 1], or (E, 2) of the policy alone."""
         import torch
+        from crowdbench_agents.latent_planner.mppi import look
 
         model: WorldModel = self._network
-        z = model.encode(inputs)
         if not self.options.use_mppi:
-            actions = []
+            z, actions = model.encode(inputs), []
             for _ in range(self.options.execute):
                 actions.append(model.act(z)[0])
                 z = model.next(z, actions[-1][None])
             return torch.stack(actions).numpy()
         previous = self._bounds.normalised(inputs.velocity.numpy())
         result = self._planner.plan(
-            z,
+            look(model, inputs, self._settings),
             torch.from_numpy(previous),
             self._settings,
             self._config.loss.discount,

@@ -91,6 +91,10 @@ class Planner(_Section):
         "of 1 .. H steps (mean); or the lambda-return of 0 .. H steps (lambda)",
     )
     return_lambda: Share = Field(0.5, description="lambda of the lambda-return")
+    reflect: bool = Field(
+        False,
+        description="score candidates with left and right swapped as well; the mean counts",
+    )
     temperature: Positive = Field(0.5, description="of the weights among elites, in Q scales")
     min_std: Positive = Field(0.05, description="of an action normalised to [-1, 1]")
     max_std: Positive = Field(1.0, description="of an action normalised to [-1, 1]")

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.crowds import Sensed
-from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.mppi import look, plan
 from crowdbench_agents.latent_planner.replay import NOBODY, PLANNER
 from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
 from numpy.typing import NDArray
@@ -77,8 +77,9 @@ class Explorer:
     def act(self, sensed: Sensed) -> Acts:
         """Decide where a decision is due and return everybody's next action."""
         count = len(self._left)
-        z = self._model.encode(Inputs(*map(torch.from_numpy, sensed)))
-        self._decide(z)
+        inputs = Inputs(*map(torch.from_numpy, sensed))
+        z = self._model.encode(inputs)
+        self._decide(inputs)
         noise = torch.randn(count, 2, generator=self.generator)
         action = self._model.sample(z, noise)[0].float()
         planning = torch.from_numpy(self._planning)
@@ -98,7 +99,7 @@ class Explorer:
         self._at += 1
         return Acts(executed, planned.numpy(), source)
 
-    def _decide(self, z: torch.Tensor) -> None:
+    def _decide(self, inputs: Inputs) -> None:
         due = np.flatnonzero(self._left <= 0)
         horizon = self._config.planner.horizon
         epsilon = self.epsilon
@@ -110,8 +111,9 @@ class Explorer:
             done = torch.from_numpy(self._at[due])
             steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
             warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
+            views = look(self._model, Inputs(*(x[due] for x in inputs)), self._config.planner)
             self._plans[due] = plan(
-                self._model, z[due], self._last[due], self._config.planner,
+                self._model, views, self._last[due], self._config.planner,
                 self._config.loss.discount, self._half, self.generator, warm_start,
             ).actions  # fmt: skip
             self._at[due] = 0

@@ -2,7 +2,7 @@
 
 What is saved, none of which changes a score by more than rounding:
 
-- all candidates start from the same z, so its part of the first layers is computed once;
+- all candidates of a view start from the same z, so its part of the first layers is computed once;
 - the policy's candidates and the arcs stay the same over the iterations and are scored once;
 - candidates are rolled out in blocks whose intermediate results stay in the cache, one thread per
   block, instead of splitting each small matrix product between threads;
@@ -13,14 +13,22 @@ What is saved, none of which changes a score by more than rounding:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 from typing import NamedTuple
 
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.mppi import Plan, Score, arcs, refit, roughness, value_shares
+from crowdbench_agents.latent_planner.mppi import (
+    Plan,
+    Score,
+    arcs,
+    refit,
+    roughness,
+    signs,
+    value_shares,
+)
 from crowdbench_agents.latent_planner.world_model import ACTION, Mlp, WorldModel
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, linear, silu
@@ -30,9 +38,6 @@ BLOCK = 256
 Independent of the number of threads, so that the plan is too."""
 
 _WIDE = 16  # outputs from which packing pays
-
-Act = Callable[[int, Tensor], Tensor]
-"""Actions (N, 2) at step t of candidates in states z (N, latent)."""
 
 
 class FastPlanner:
@@ -57,7 +62,7 @@ class FastPlanner:
     @torch.no_grad()
     def plan(
         self,
-        z: Tensor,
+        views: Tensor,
         previous: Tensor,
         settings: Planner,
         discount: float,
@@ -77,26 +82,29 @@ class FastPlanner:
             rough = roughness(candidates, previous, half_range)
             return settings.smoothness_weight * rough
 
+        begins = [self.start(z, sign) for z, sign in zip(views, signs(views), strict=True)]
+
+        def returns(candidates: Tensor) -> Tensor:
+            each = [self.returns(x, candidates[0], settings, discount, score) for x in begins]
+            return torch.stack(each).mean(dim=0)
+
         noise = torch.randn(guided, horizon, ACTION, generator=generator)
-        if settings.start == "policy":
-            noise[:1] = 0.0
-        begin = self.start(z)
-        from_policy, returns = self._follow_policy(begin, noise, settings, discount, score)
+        parts = []
+        for begin, part in zip(begins, noise.tensor_split(len(begins)), strict=True):
+            if settings.start == "policy":
+                part[:1] = 0.0
+            parts.append(self._follow_policy(begin, part))
+        from_policy = torch.cat(parts)[None]
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
-        fixed, fixed_scores = from_policy, returns - penalty(from_policy)
-        unscored = arcs(settings)[None]
-        known = guided + unscored.shape[1]
+        fixed = torch.cat([from_policy, arcs(settings)[None]], dim=1)
+        fixed_scores = returns(fixed) - penalty(fixed)
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
-            fresh = torch.cat([unscored, sampled.clamp(-1, 1)], dim=1)
-            scores = self.returns(begin, fresh[0], settings, discount, score) - penalty(fresh)
-            candidates = torch.cat([fixed, fresh], dim=1)
-            scores = torch.cat([fixed_scores, scores], dim=1)
+            sampled.clamp_(-1, 1)
+            candidates = torch.cat([fixed, sampled], dim=1)
+            scores = torch.cat([fixed_scores, returns(sampled) - penalty(sampled)], dim=1)
             mean, std, best = refit(candidates, scores, settings)
-            # the arcs are scored now, and come before what was drawn
-            fixed, fixed_scores = candidates[:, :known], scores[:, :known]
-            unscored = unscored[:, :0]
         return Plan(mean, std, best)
 
     @torch.no_grad()
@@ -111,8 +119,8 @@ class FastPlanner:
         """phi without the smoothness penalty.
 
         Args:
-            start: where all candidates start.
-            candidates: (N, H, 2) in [-1, 1].
+            start: where all candidates start, in one view.
+            candidates: (N, H, 2) in [-1, 1], of the world as it is.
             settings: of which ``values`` and ``return_lambda`` count.
             discount: gamma per step.
             score: which of the predicted terms count.
@@ -120,53 +128,47 @@ class FastPlanner:
         Returns:
             (1, N).
         """
-        count, horizon, _ = candidates.shape
-        blocks = candidates.chunk(-(-count // BLOCK)) if count else ()
+        candidates = candidates * start.sign
+        blocks = candidates.chunk(-(-len(candidates) // BLOCK)) if len(candidates) else ()
 
         def roll(block: Tensor) -> Tensor:
             with torch.no_grad():  # each thread has its own such setting
-                return self._roll(
-                    start, lambda t, _: block[:, t], len(block), horizon, settings, discount, score
-                )
+                return self._roll(start, block, settings, discount, score)
 
         run = map if self._pool is None else self._pool.map
         return torch.cat([torch.zeros(0), *run(roll, blocks)])[None]
 
-    def _follow_policy(
-        self, start: Start, noise: Tensor, settings: Planner, discount: float, score: Score
-    ) -> tuple[Tensor, Tensor]:
-        """Candidates (1, N, H, 2) of the policy with noise (N, H, 2), and their returns (1, N)."""
-        count, horizon, _ = noise.shape
+    def _follow_policy(self, start: Start, noise: Tensor) -> Tensor:
+        """Candidates (N, H, 2) of the policy in a view, with noise (N, H, 2)."""
         actions = torch.empty_like(noise)
+        z, shared = start.z.expand(len(noise), -1), start.dynamics
+        for t in range(noise.shape[1]):
+            action = actions[:, t] = self._model.sample(z, noise[:, t])[0]
+            if t + 1 < noise.shape[1]:
+                inputs = action if t == 0 else torch.cat([z, action], dim=1)
+                z, shared = self._next(z, inputs, shared), None
+        return actions * start.sign
 
-        def act(t: int, z: Tensor) -> Tensor:
-            actions[:, t] = self._model.sample(z, noise[:, t])[0]
-            return actions[:, t]
-
-        returns = self._roll(start, act, count, horizon, settings, discount, score)
-        return actions[None], returns[None]
-
-    def start(self, z: Tensor) -> Start:
-        """What all candidates that start in z (1, latent) share."""
+    def start(self, z: Tensor, sign: Tensor) -> Start:
+        """What all candidates share that start in z (1, latent), a view with its ``signs`` (2,)."""
         q = [network.share(z) for network in self._q_networks]
-        return Start(z, self._outcome.share(z), self._dynamics.share(z), q)
+        return Start(z, sign, self._outcome.share(z), self._dynamics.share(z), q)
 
     def _roll(
         self,
         start: Start,
-        act: Act,
-        count: int,
-        horizon: int,
+        candidates: Tensor,
         settings: Planner,
         discount: float,
         score: Score,
     ) -> Tensor:
-        """Returns (N,) of N = ``count`` candidates from the same state, as in ``mppi.evaluate``."""
+        """Returns (N,) of candidates (N, H, 2) from the same state, as in ``mppi.evaluate``."""
+        count, horizon, _ = candidates.shape
         shares = value_shares(settings, horizon, score)
         outcomes, values = [], torch.zeros(horizon + 1, count)
         z = start.z.expand(count, -1)
         for t in range(horizon):
-            action = act(t, z)
+            action = candidates[:, t]
             first = t == 0
             inputs = action if first else torch.cat([z, action], dim=1)
             if shares[t] > 0:
@@ -174,8 +176,7 @@ class FastPlanner:
             if score != "q":
                 outcomes.append(self._outcome(inputs, start.outcome if first else None))
             if t + 1 < horizon or score != "reward":
-                change = self._dynamics(inputs, start.dynamics if first else None)
-                z = self._normalise(change.add_(z) if self._residual else change)
+                z = self._next(z, inputs, start.dynamics if first else None)
         if score != "reward":
             action = torch.tanh(self._policy(z)[:, :ACTION])
             values[horizon] = self._value(torch.cat([z, action], dim=1))
@@ -191,6 +192,11 @@ class FastPlanner:
         one, two = (q(inputs, part)[:, 0] for q, part in zip(self._q_networks, shared, strict=True))
         return torch.minimum(one, two)
 
+    def _next(self, z: Tensor, inputs: Tensor, shared: Tensor | None = None) -> Tensor:
+        """The states after z (N, latent); inputs as ``_Layers`` has them."""
+        change = self._dynamics(inputs, shared)
+        return self._normalise(change.add_(z) if self._residual else change)
+
     def _normalise(self, z: Tensor) -> Tensor:
         if self._model.settings.latent_norm == "layer":
             # with factors, even of one, PyTorch's kernel is vectorised and twice as fast
@@ -199,9 +205,17 @@ class FastPlanner:
 
 
 class Start(NamedTuple):
-    """Where all candidates start: z (1, latent), and its share of the first layers (1, hidden)."""
+    """Where all candidates start in a view.
+
+    Attributes:
+        z: (1, latent), the view.
+        sign: (2,) factors that turn actions into those of the view.
+        outcome, dynamics: (1, hidden), what z contributes to their first layers.
+        q: the same for both Qs.
+    """
 
     z: Tensor
+    sign: Tensor
     outcome: Tensor
     dynamics: Tensor
     q: list[Tensor]

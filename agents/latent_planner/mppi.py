@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.world_model import ACTION, WorldModel
+from crowdbench_agents.latent_planner.world_model import ACTION, REFLECT, Inputs, WorldModel
 from torch import Tensor
 
 Score = Literal["reward_q", "reward", "q"]
@@ -32,9 +32,28 @@ class Plan(NamedTuple):
 
 
 @torch.no_grad()
+def look(model: WorldModel, inputs: Inputs, settings: Planner) -> Tensor:
+    """Views (V, M, latent) of the present to plan from, for inputs (M, ...).
+
+    With ``settings.reflect`` the second is what the world looks like with left and right swapped.
+    It is the same world, so where the model values an action differently in it, that is an error of
+    the model; the mean of both has less of it.
+    """
+    if not settings.reflect:
+        return model.encode(inputs)[None]
+    both = Inputs(*map(torch.stack, zip(inputs, inputs.reflected(), strict=True)))
+    return model.encode(both)
+
+
+def signs(views: Tensor) -> Tensor:
+    """(V, 2) factors that turn actions of the world as it is into those of each view."""
+    return torch.stack([torch.ones(ACTION), REFLECT])[: len(views)]
+
+
+@torch.no_grad()
 def plan(
     model: WorldModel,
-    z: Tensor,
+    views: Tensor,
     previous: Tensor,
     settings: Planner,
     discount: float,
@@ -47,7 +66,8 @@ def plan(
 
     Args:
         model: the world model.
-        z: (M, latent) current latent states.
+        views: (V, M, latent) current latent states, as from ``look``. Each view gives its share of
+            the policy's candidates, and a score is the mean of what it is in each view.
         previous: (M, 2) the actions executed last, in [-1, 1].
         settings: horizon H, candidates (arcs come on top of them), elites, iterations, weights.
         discount: gamma per step.
@@ -57,7 +77,7 @@ def plan(
             ``settings.start`` "policy" and some candidates from the policy it is not used.
         score: which of the predicted terms count.
     """
-    robots, horizon = len(z), settings.horizon
+    robots, horizon, sign = views.shape[1], settings.horizon, signs(views)
     guided = round(settings.policy_share * settings.candidates)
     free = settings.candidates - guided
     mean = torch.zeros(robots, horizon, ACTION) if warm_start is None else warm_start
@@ -66,17 +86,25 @@ def plan(
     def draw(*shape: int) -> Tensor:
         return torch.randn(*shape, generator=generator)
 
-    noise = draw(robots, guided, horizon, ACTION)
-    if settings.start == "policy":
-        noise[:, :1] = 0.0
-    from_policy = policy_rollouts(model, z, noise)
+    from_policy = []
+    noises = draw(robots, guided, horizon, ACTION).tensor_split(len(views), dim=1)
+    for view, flip, noise in zip(views, sign, noises, strict=True):
+        if settings.start == "policy":
+            noise[:, :1] = 0.0
+        from_policy.append(flip * policy_rollouts(model, view, noise))
+    from_policy = torch.cat(from_policy, dim=1)
     if settings.start == "policy" and guided:
         mean = from_policy[:, 0]
     fixed = torch.cat([from_policy, arcs(settings).expand(robots, -1, -1, -1)], dim=1)
     for _ in range(settings.iterations):
         sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
         candidates = torch.cat([fixed, sampled.clamp(-1, 1)], dim=1)
-        scores = evaluate(model, z, candidates, previous, settings, discount, half_range, score)
+        options = settings, discount, half_range, score
+        seen = [
+            evaluate(model, view, flip * candidates, flip * previous, *options)
+            for view, flip in zip(views, sign, strict=True)
+        ]
+        scores = torch.stack(seen).mean(dim=0)
         mean, std, best = refit(candidates, scores, settings)
     return Plan(mean, std, best)
 

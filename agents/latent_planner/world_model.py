@@ -22,6 +22,9 @@ from torch.nn.functional import layer_norm, softplus
 import crowdbench
 
 ACTION = 2
+REFLECT = torch.tensor([1.0, -1.0])
+"""Factors on (x, y) or (v, w) that swap left and right."""
+
 _LOG_STD = (-4.0, 0.5)  # of the policy before tanh
 _DISTANCE_SCALE = 5.0  # [m], brings goal features near one
 
@@ -38,6 +41,10 @@ class Inputs(NamedTuple):
     map: Tensor
     velocity: Tensor
     goal: Tensor
+
+    def reflected(self) -> Inputs:
+        """The same with left and right swapped."""
+        return Inputs(self.map.flip(-1), self.velocity * REFLECT, self.goal * REFLECT)
 
 
 class ActionBounds(NamedTuple):

@@ -27,10 +27,11 @@ def both(config, threads=1, score="reward_q", warm=False, seed=5):
     """Plans of the plain and the fast form with equal noise."""
     model = random_model(config)
     g = torch.Generator().manual_seed(1)
-    z = model.normalise(torch.randn(1, config.model.latent, generator=g))
+    count = 2 if config.planner.reflect else 1
+    views = model.normalise(torch.randn(count, 1, config.model.latent, generator=g))
     previous = torch.rand(1, 2, generator=g)
     start = torch.rand(1, config.planner.horizon, 2, generator=g) - 0.5 if warm else None
-    arguments = z, previous, config.planner, 0.97, HALF
+    arguments = views, previous, config.planner, 0.97, HALF
     plain = mppi.plan(model, *arguments, torch.Generator().manual_seed(seed), start, score)
     planner = FastPlanner(model, threads)
     return plain, planner.plan(*arguments, torch.Generator().manual_seed(seed), start, score)
@@ -71,6 +72,16 @@ def test_plans_are_equal_with_and_without_arcs(arcs, share):
     assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
 
 
+@pytest.mark.parametrize("candidates", [1, 2, 60])
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+def test_plans_are_equal_from_two_views(share, candidates):
+    changes = {
+        "planner.reflect": True, "planner.policy_share": share, "planner.candidates": candidates,
+        "planner.start": "policy",
+    }  # fmt: skip
+    assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
+
+
 def test_plans_are_equal_at_the_full_budget():
     full = {"planner.candidates": 512, "planner.iterations": 6, "planner.elites": 64}
     assert_equal_plans(*both(load_config().override(full)))
@@ -98,7 +109,8 @@ def test_returns_of_candidates_keep_their_order_over_blocks(monkeypatch):
     candidates = torch.rand(50, 4, 2, generator=torch.Generator().manual_seed(3)) * 2 - 1
 
     def returns(planner):
-        return planner.returns(planner.start(z), candidates, config.planner, 0.9)
+        start = planner.start(z, torch.ones(2))
+        return planner.returns(start, candidates, config.planner, 0.9)
 
     whole = returns(FastPlanner(model))
     monkeypatch.setattr(fast, "BLOCK", 7)

@@ -70,7 +70,7 @@ def settings(**changes):
 
 def solve(model, chosen, seed=0, score="reward", half=FLAT, previous=(0.0, 0.0), **options):
     generator = torch.Generator().manual_seed(seed)
-    start, before = torch.zeros(1, 2), torch.tensor(np.array([previous], np.float32))
+    start, before = torch.zeros(1, 1, 2), torch.tensor(np.array([previous], np.float32))
     return plan(model, start, before, chosen, 1.0, half, generator, score=score, **options)
 
 
@@ -167,8 +167,41 @@ def test_robots_of_a_batch_are_planned_for_their_own_state():
     model, chosen = LinearModel([0.0, 0.0]), settings()
     z = torch.tensor([[0.4, 0.0], [-0.4, 0.2]])
     generator = torch.Generator().manual_seed(0)
-    result = plan(model, z, torch.zeros(2, 2), chosen, 1.0, FLAT, generator, score="reward")
+    result = plan(model, z[None], torch.zeros(2, 2), chosen, 1.0, FLAT, generator, score="reward")
     torch.testing.assert_close(result.actions[:, 0], -z / STEP, atol=0.06, rtol=0)
+
+
+def test_both_views_count_alike_each_for_its_own_side():
+    # One view says that the goal is 0.1 ahead and 0.3 to the left, the other, a mirror, that it is
+    # 0.3 ahead and 0.1 to the right. Nearest to both is 0.2 ahead and 0.2 to the left.
+    model = LinearModel([0.0, 0.0])
+    views = torch.tensor([[[-0.1, -0.3]], [[-0.3, 0.1]]])
+    generator = torch.Generator().manual_seed(0)
+    chosen = settings(horizon=1)
+    result = plan(model, views, torch.zeros(1, 2), chosen, 1.0, FLAT, generator, score="reward")
+    torch.testing.assert_close(result.actions[0, 0], torch.tensor([0.4, 0.4]), atol=0.02, rtol=0)
+    # 20 x (0.1^2 + 0.1^2) from either
+    torch.testing.assert_close(result.score, torch.tensor([-0.4]), atol=0.01, rtol=0)
+
+
+def test_the_policy_proposes_in_each_view_what_is_turned_back():
+    class OneSided(LinearModel):  # its policy knows what to do on one side only
+        def act(self, z):
+            return super().act(z) * (z[..., 1:] > 0)
+
+    # The goal is 0.3 ahead and 0.2 to the left, in the mirror to the right.
+    views = torch.tensor([[[-0.3, -0.2]], [[-0.3, 0.2]]])
+    chosen = settings(
+        horizon=1, iterations=1, policy_share=1.0, candidates=2, elites=1, start="policy"
+    )
+
+    def planned(views):
+        generator, still = torch.Generator().manual_seed(0), torch.zeros(1, 2)
+        model = OneSided([0.0, 0.0])
+        return plan(model, views, still, chosen, 1.0, FLAT, generator, score="reward").actions[0]
+
+    torch.testing.assert_close(planned(views), torch.tensor([[0.6, 0.4]]))
+    assert planned(views[:1]).abs().max() < 0.35  # no motion, but for noise
 
 
 def test_plan_is_a_function_of_the_generators_seed():
