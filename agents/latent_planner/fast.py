@@ -23,6 +23,7 @@ from crowdbench_agents.latent_planner.config import Planner
 from crowdbench_agents.latent_planner.mppi import (
     Plan,
     Score,
+    Way,
     arcs,
     refit,
     roughness,
@@ -70,6 +71,7 @@ class FastPlanner:
         generator: torch.Generator,
         warm_start: Tensor | None = None,
         score: Score = "reward_q",
+        way: Way | None = None,
     ) -> Plan:
         """As ``mppi.plan``, with M = 1 and the same noise for the same generator."""
         horizon = settings.horizon
@@ -79,8 +81,10 @@ class FastPlanner:
         std = torch.full_like(mean, settings.max_std)
 
         def penalty(candidates: Tensor) -> Tensor:
-            rough = roughness(candidates, previous, half_range)
-            return settings.smoothness_weight * rough
+            rough = settings.smoothness_weight * roughness(candidates, previous, half_range)
+            if way is None:
+                return rough
+            return rough + settings.detour_weight * way.detours(candidates)
 
         begins = [self.start(z, sign) for z, sign in zip(views, signs(views), strict=True)]
 
