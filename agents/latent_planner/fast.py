@@ -13,7 +13,7 @@ What is saved, none of which changes a score by more than rounding:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 from typing import NamedTuple
@@ -39,6 +39,9 @@ BLOCK = 256
 Independent of the number of threads, so that the plan is too."""
 
 _WIDE = 16  # outputs from which packing pays
+
+Act = Callable[[int, Tensor], Tensor]
+"""Actions (N, 2) at step t of candidates in states z (N, latent)."""
 
 
 class FastPlanner:
@@ -82,7 +85,7 @@ class FastPlanner:
 
         def penalty(candidates: Tensor) -> Tensor:
             rough = settings.smoothness_weight * roughness(candidates, previous, half_range)
-            if way is None:
+            if way is None or not settings.detour_weight:
                 return rough
             return rough + settings.detour_weight * way.detours(candidates)
 
@@ -93,22 +96,22 @@ class FastPlanner:
             return torch.stack(each).mean(dim=0)
 
         noise = torch.randn(guided, horizon, ACTION, generator=generator)
-        parts = []
-        for begin, part in zip(begins, noise.tensor_split(len(begins)), strict=True):
-            if settings.start == "policy":
-                part[:1] = 0.0
-            parts.append(self._follow_policy(begin, part))
-        from_policy = torch.cat(parts)[None]
+        from_policy, fixed_scores = self._propose(begins, noise, settings, discount, score)
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
-        fixed = torch.cat([from_policy, arcs(settings)[None]], dim=1)
-        fixed_scores = returns(fixed) - penalty(fixed)
+        fixed, fixed_scores = from_policy, fixed_scores - penalty(from_policy)
+        unscored = arcs(settings)[None]
+        known = guided + unscored.shape[1]
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
-            sampled.clamp_(-1, 1)
-            candidates = torch.cat([fixed, sampled], dim=1)
-            scores = torch.cat([fixed_scores, returns(sampled) - penalty(sampled)], dim=1)
+            fresh = torch.cat([unscored, sampled.clamp(-1, 1)], dim=1)
+            scores = returns(fresh) - penalty(fresh)
+            candidates = torch.cat([fixed, fresh], dim=1)
+            scores = torch.cat([fixed_scores, scores], dim=1)
             mean, std, best = refit(candidates, scores, settings)
+            # the arcs are scored now, and come before what was drawn
+            fixed, fixed_scores = candidates[:, :known], scores[:, :known]
+            unscored = unscored[:, :0]
         return Plan(mean, std, best)
 
     @torch.no_grad()
@@ -133,25 +136,54 @@ class FastPlanner:
             (1, N).
         """
         candidates = candidates * start.sign
-        blocks = candidates.chunk(-(-len(candidates) // BLOCK)) if len(candidates) else ()
+        count, horizon, _ = candidates.shape
+        blocks = candidates.chunk(-(-count // BLOCK)) if count else ()
 
         def roll(block: Tensor) -> Tensor:
             with torch.no_grad():  # each thread has its own such setting
-                return self._roll(start, block, settings, discount, score)
+                return self._roll(
+                    start, lambda t, _: block[:, t], len(block), horizon, settings, discount, score
+                )
 
         run = map if self._pool is None else self._pool.map
         return torch.cat([torch.zeros(0), *run(roll, blocks)])[None]
 
-    def _follow_policy(self, start: Start, noise: Tensor) -> Tensor:
-        """Candidates (N, H, 2) of the policy in a view, with noise (N, H, 2)."""
+    def _propose(
+        self,
+        starts: Sequence[Start],
+        noise: Tensor,
+        settings: Planner,
+        discount: float,
+        score: Score,
+    ) -> tuple[Tensor, Tensor]:
+        """Candidates (1, N, H, 2) of the policy in all views, noise (N, H, 2); returns (1, N)."""
+        candidates, returns = [], []
+        for start, part in zip(starts, noise.tensor_split(len(starts)), strict=True):
+            if settings.start == "policy":
+                part[:1] = 0.0
+            actions, seen = self._follow_policy(start, part, settings, discount, score)
+            others = [
+                self.returns(other, actions, settings, discount, score)[0]
+                for other in starts
+                if other is not start
+            ]
+            candidates.append(actions)
+            returns.append(torch.stack([seen, *others]).mean(dim=0))
+        return torch.cat(candidates)[None], torch.cat(returns)[None]
+
+    def _follow_policy(
+        self, start: Start, noise: Tensor, settings: Planner, discount: float, score: Score
+    ) -> tuple[Tensor, Tensor]:
+        """Candidates (N, H, 2) of the policy in a view, and their returns (N,) there."""
+        count, horizon, _ = noise.shape
         actions = torch.empty_like(noise)
-        z, shared = start.z.expand(len(noise), -1), start.dynamics
-        for t in range(noise.shape[1]):
-            action = actions[:, t] = self._model.sample(z, noise[:, t])[0]
-            if t + 1 < noise.shape[1]:
-                inputs = action if t == 0 else torch.cat([z, action], dim=1)
-                z, shared = self._next(z, inputs, shared), None
-        return actions * start.sign
+
+        def act(t: int, z: Tensor) -> Tensor:
+            actions[:, t] = self._model.sample(z, noise[:, t])[0]
+            return actions[:, t]
+
+        returns = self._roll(start, act, count, horizon, settings, discount, score)
+        return actions * start.sign, returns
 
     def start(self, z: Tensor, sign: Tensor) -> Start:
         """What all candidates share that start in z (1, latent), a view with its ``signs`` (2,)."""
@@ -161,18 +193,19 @@ class FastPlanner:
     def _roll(
         self,
         start: Start,
-        candidates: Tensor,
+        act: Act,
+        count: int,
+        horizon: int,
         settings: Planner,
         discount: float,
         score: Score,
     ) -> Tensor:
-        """Returns (N,) of candidates (N, H, 2) from the same state, as in ``mppi.evaluate``."""
-        count, horizon, _ = candidates.shape
+        """Returns (N,) of N = ``count`` candidates from the same state, as in ``mppi.evaluate``."""
         shares = value_shares(settings, horizon, score)
         outcomes, values = [], torch.zeros(horizon + 1, count)
         z = start.z.expand(count, -1)
         for t in range(horizon):
-            action = candidates[:, t]
+            action = act(t, z)
             first = t == 0
             inputs = action if first else torch.cat([z, action], dim=1)
             if shares[t] > 0:
@@ -180,7 +213,8 @@ class FastPlanner:
             if score != "q":
                 outcomes.append(self._outcome(inputs, start.outcome if first else None))
             if t + 1 < horizon or score != "reward":
-                z = self._next(z, inputs, start.dynamics if first else None)
+                change = self._dynamics(inputs, start.dynamics if first else None)
+                z = self._normalise(change.add_(z) if self._residual else change)
         if score != "reward":
             action = torch.tanh(self._policy(z)[:, :ACTION])
             values[horizon] = self._value(torch.cat([z, action], dim=1))
@@ -195,11 +229,6 @@ class FastPlanner:
         """The smaller Q (N,) for states and actions (N, latent + 2), or as ``_Layers`` has it."""
         one, two = (q(inputs, part)[:, 0] for q, part in zip(self._q_networks, shared, strict=True))
         return torch.minimum(one, two)
-
-    def _next(self, z: Tensor, inputs: Tensor, shared: Tensor | None = None) -> Tensor:
-        """The states after z (N, latent); inputs as ``_Layers`` has them."""
-        change = self._dynamics(inputs, shared)
-        return self._normalise(change.add_(z) if self._residual else change)
 
     def _normalise(self, z: Tensor) -> Tensor:
         if self._model.settings.latent_norm == "layer":

@@ -155,7 +155,7 @@ def plan(
             for view, flip in zip(views, sign, strict=True)
         ]
         scores = torch.stack(seen).mean(dim=0)
-        if way is not None:
+        if way is not None and settings.detour_weight:
             scores -= settings.detour_weight * way.detours(candidates)
         mean, std, best = refit(candidates, scores, settings)
     return Plan(mean, std, best)
