@@ -20,7 +20,7 @@ import torch
 import yaml
 from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.mppi import Score, Way, look, plan
+from crowdbench_agents.latent_planner.mppi import Score, look, plan
 from crowdbench_agents.latent_planner.validation import (
     ENVIRONMENTS,
     FIRST_SEED,
@@ -65,7 +65,6 @@ def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -
                 plans[place] = plan(
                     model, views, torch.from_numpy(moment.velocity[due]), planner,
                     config.loss.discount, half, generator, before, score,
-                    Way.of(robot, inputs.goal),
                 ).actions  # fmt: skip
         return plans[moment.place, since].numpy()
 

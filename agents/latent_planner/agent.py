@@ -107,7 +107,6 @@ class LatentPlanner(LearnedAgent):
 
         super().reset(robot, seed)
         self._generator = torch.Generator().manual_seed(seed)
-        self._robot = robot
         self._half_range = torch.from_numpy(self._bounds.half)
         self._plan: NDArray[np.float32] | None = None
         self._executed = self._plans = 0
@@ -156,7 +155,7 @@ class LatentPlanner(LearnedAgent):
     def _decide(self, inputs: Inputs) -> NDArray[np.float32]:
         """(H, 2) actions in [-1, 1], or (E, 2) of the policy alone."""
         import torch
-        from crowdbench_agents.latent_planner.mppi import Way, look
+        from crowdbench_agents.latent_planner.mppi import look
 
         model: WorldModel = self._network
         if not self.options.use_mppi:
@@ -175,7 +174,6 @@ class LatentPlanner(LearnedAgent):
             self._generator,
             warm_start=self._rest_of_plan(),
             score=self.options.score,
-            way=Way.of(self._robot, inputs.goal),
         )
         return result.actions[0].numpy()
 

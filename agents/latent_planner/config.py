@@ -101,9 +101,6 @@ class Planner(_Section):
     smoothness_weight: NonNegative = Field(
         0.1, description="lambda_smooth, on the squared change of (v [m/s], w [rad/s])"
     )
-    detour_weight: NonNegative = Field(
-        0.0, description="on the metres driven beyond those gained towards the goal"
-    )
 
 
 class Loss(_Section):

@@ -13,12 +13,10 @@ import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.crowds import Sensed
-from crowdbench_agents.latent_planner.mppi import Way, look, plan
+from crowdbench_agents.latent_planner.mppi import look, plan
 from crowdbench_agents.latent_planner.replay import NOBODY, PLANNER
 from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
 from numpy.typing import NDArray
-
-import crowdbench
 
 
 class Acts(NamedTuple):
@@ -42,18 +40,16 @@ class Explorer:
     Args:
         model: the world model that is being trained.
         config: all settings.
-        robot: what is driven.
+        bounds: of the robot's actions.
         seed: of all randomness in acting.
     """
 
-    def __init__(
-        self, model: WorldModel, config: Config, robot: crowdbench.RobotSpec, seed: int
-    ) -> None:
+    def __init__(self, model: WorldModel, config: Config, bounds: ActionBounds, seed: int) -> None:
         self.decisions = 0
         self.rng = np.random.default_rng(seed)
         self.generator = torch.Generator().manual_seed(seed)
         self._model, self._config = model, config
-        self._robot, self._half = robot, torch.from_numpy(ActionBounds.of(robot).half)
+        self._half = torch.from_numpy(bounds.half)
         count, horizon = config.training.environments, config.planner.horizon
         self._plans = torch.zeros(count, horizon, 2)
         self._at = np.zeros(count, np.int64)
@@ -115,12 +111,10 @@ class Explorer:
             done = torch.from_numpy(self._at[due])
             steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
             warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
-            seen = Inputs(*(x[due] for x in inputs))
-            views = look(self._model, seen, self._config.planner)
+            views = look(self._model, Inputs(*(x[due] for x in inputs)), self._config.planner)
             self._plans[due] = plan(
                 self._model, views, self._last[due], self._config.planner,
                 self._config.loss.discount, self._half, self.generator, warm_start,
-                way=Way.of(self._robot, seen.goal),
             ).actions  # fmt: skip
             self._at[due] = 0
 

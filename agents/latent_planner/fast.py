@@ -23,7 +23,6 @@ from crowdbench_agents.latent_planner.config import Planner
 from crowdbench_agents.latent_planner.mppi import (
     Plan,
     Score,
-    Way,
     arcs,
     refit,
     roughness,
@@ -74,7 +73,6 @@ class FastPlanner:
         generator: torch.Generator,
         warm_start: Tensor | None = None,
         score: Score = "reward_q",
-        way: Way | None = None,
     ) -> Plan:
         """As ``mppi.plan``, with M = 1 and the same noise for the same generator."""
         horizon = settings.horizon
@@ -84,10 +82,8 @@ class FastPlanner:
         std = torch.full_like(mean, settings.max_std)
 
         def penalty(candidates: Tensor) -> Tensor:
-            rough = settings.smoothness_weight * roughness(candidates, previous, half_range)
-            if way is None or not settings.detour_weight:
-                return rough
-            return rough + settings.detour_weight * way.detours(candidates)
+            rough = roughness(candidates, previous, half_range)
+            return settings.smoothness_weight * rough
 
         begins = [self.start(z, sign) for z, sign in zip(views, signs(views), strict=True)]
 

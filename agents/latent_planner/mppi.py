@@ -11,58 +11,10 @@ from typing import Literal, NamedTuple
 
 import torch
 from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.world_model import (
-    ACTION,
-    REFLECT,
-    ActionBounds,
-    Inputs,
-    WorldModel,
-)
+from crowdbench_agents.latent_planner.world_model import ACTION, REFLECT, Inputs, WorldModel
 from torch import Tensor
 
-import crowdbench
-
 Score = Literal["reward_q", "reward", "q"]
-
-
-class Way(NamedTuple):
-    """Where plans for M robots lead in the open.
-
-    Attributes:
-        goal: (M, 2) in the robot frame [m].
-        centre, half: (2,) of the ranges of (v [m/s], w [rad/s]).
-        period: duration of a step [s].
-        tolerance: distance at which the goal counts as reached [m].
-    """
-
-    goal: Tensor
-    centre: Tensor
-    half: Tensor
-    period: float
-    tolerance: float
-
-    @classmethod
-    def of(cls, robot: crowdbench.RobotSpec, goal: Tensor) -> Way:
-        """The way of robots of one kind to their goals (M, 2) [m]."""
-        centre, half = map(torch.from_numpy, ActionBounds.of(robot))
-        return cls(goal, centre, half, robot.control_period, robot.goal_tolerance)
-
-    def detours(self, candidates: Tensor) -> Tensor:
-        """Metres (M, N) that candidates (M, N, H, 2) drive before the goal beyond those gained.
-
-        Up to what is left in the end it is the length of the way, which is what SPL asks for, but
-        neither waiting nor going straight to the goal costs anything.
-        """
-        speed, rate = (self.centre + self.half * candidates).unbind(dim=-1)
-        turned = rate.cumsum(dim=-1) * self.period
-        heading = turned - rate * self.period / 2  # of the chord of each step
-        driven = speed.abs() * self.period
-        ahead = torch.stack([heading.cos(), heading.sin()], dim=-1)
-        chords = self.period * speed[..., None] * ahead
-        places = torch.cat([torch.zeros_like(chords[:, :, :1]), chords.cumsum(dim=2)], dim=2)
-        left = (self.goal[:, None, None] - places).norm(dim=-1)
-        under_way = (left[..., :-1] > self.tolerance).cumprod(dim=-1)
-        return (under_way * (driven + left.diff(dim=-1))).sum(dim=-1)
 
 
 class Plan(NamedTuple):
@@ -109,7 +61,6 @@ def plan(
     generator: torch.Generator,
     warm_start: Tensor | None = None,
     score: Score = "reward_q",
-    way: Way | None = None,
 ) -> Plan:
     """Optimise action sequences for M robots.
 
@@ -125,7 +76,6 @@ def plan(
         warm_start: (M, H, 2) the previous plan moved on by what was executed; with
             ``settings.start`` "policy" and some candidates from the policy it is not used.
         score: which of the predicted terms count.
-        way: where it leads; without it detours cost nothing.
     """
     robots, horizon, sign = views.shape[1], settings.horizon, signs(views)
     guided = round(settings.policy_share * settings.candidates)
@@ -155,8 +105,6 @@ def plan(
             for view, flip in zip(views, sign, strict=True)
         ]
         scores = torch.stack(seen).mean(dim=0)
-        if way is not None and settings.detour_weight:
-            scores -= settings.detour_weight * way.detours(candidates)
         mean, std, best = refit(candidates, scores, settings)
     return Plan(mean, std, best)
 

@@ -76,7 +76,7 @@ class Run:
         settings = config.training
         count = settings.environments
         self.crowds = Crowds(count, self.mixture, config.perception.geometry)
-        self.explorer = Explorer(self.learner.model, config, self.crowds.robot, seed)
+        self.explorer = Explorer(self.learner.model, config, self.crowds.bounds, seed)
         self.rng = np.random.default_rng([seed, 2])
         self.replay, self.demonstrations = open_replays(folder, config, self.crowds, social)
         # MPPI acts in the first environments, the teacher advises in the last.

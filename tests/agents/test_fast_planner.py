@@ -5,7 +5,6 @@ import torch
 from crowdbench_agents.latent_planner import fast, mppi
 from crowdbench_agents.latent_planner.config import Config, load_config
 from crowdbench_agents.latent_planner.fast import FastPlanner
-from crowdbench_agents.latent_planner.mppi import Way
 from crowdbench_agents.latent_planner.world_model import WorldModel
 
 SMALL = {
@@ -33,10 +32,9 @@ def both(config, threads=1, score="reward_q", warm=False, seed=5):
     previous = torch.rand(1, 2, generator=g)
     start = torch.rand(1, config.planner.horizon, 2, generator=g) - 0.5 if warm else None
     arguments = views, previous, config.planner, 0.97, HALF
-    way = Way(torch.tensor([[0.8, -0.6]]), torch.tensor([0.5, 0.0]), HALF, 0.2, 0.3)
-    plain = mppi.plan(model, *arguments, torch.Generator().manual_seed(seed), start, score, way)
+    plain = mppi.plan(model, *arguments, torch.Generator().manual_seed(seed), start, score)
     planner = FastPlanner(model, threads)
-    return plain, planner.plan(*arguments, torch.Generator().manual_seed(seed), start, score, way)
+    return plain, planner.plan(*arguments, torch.Generator().manual_seed(seed), start, score)
 
 
 def assert_equal_plans(plain, quick):
@@ -82,15 +80,6 @@ def test_plans_are_equal_from_two_views(share, candidates):
         "planner.start": "policy",
     }  # fmt: skip
     assert_equal_plans(*both(load_config().override(SMALL | changes), warm=True))
-
-
-def test_plans_are_equal_where_detours_cost_something():
-    (plain, quick), (free, _) = (
-        both(load_config().override(SMALL | {"planner.detour_weight": weight}))
-        for weight in (0.5, 0.0)
-    )
-    assert_equal_plans(plain, quick)
-    assert not torch.allclose(plain.actions, free.actions, atol=0.01)
 
 
 def test_plans_are_equal_at_the_full_budget():

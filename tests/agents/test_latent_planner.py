@@ -73,9 +73,7 @@ class Script:
     def __init__(self, horizon):
         self.horizon, self.calls = horizon, []
 
-    def plan(
-        self, views, previous, settings, discount, half_range, generator, warm_start, score, way
-    ):
+    def plan(self, views, previous, settings, discount, half_range, generator, warm_start, score):
         self.calls.append((views, previous, warm_start))
         numbers = len(self.calls) * 0.1 + torch.arange(self.horizon) / 100
         actions = numbers[None, :, None].expand(1, -1, 2)

@@ -5,7 +5,6 @@ import pytest
 import torch
 from crowdbench_agents.latent_planner.config import Planner
 from crowdbench_agents.latent_planner.mppi import (
-    Way,
     arcs,
     evaluate,
     plan,
@@ -203,62 +202,6 @@ def test_the_policy_proposes_in_each_view_what_is_turned_back():
 
     torch.testing.assert_close(planned(views), torch.tensor([[0.6, 0.4]]))
     assert planned(views[:1]).abs().max() < 0.35  # no motion, but for noise
-
-
-def way(*goals):
-    return Way(torch.tensor(goals), torch.tensor([0.5, 0.0]), HALF, 0.2, 0.3)
-
-
-STRAIGHT, STANDING = [[1.0, 0.0]] * 6, [[-1.0, 0.7]] * 6
-
-
-@pytest.mark.parametrize(
-    ("goal", "actions", "expected"),
-    [
-        ((5.0, 0.0), STRAIGHT, 0.0),
-        ((-5.0, 0.0), STRAIGHT, 2.4),  # 1.2 m driven and as much lost
-        ((0.0, 1.6), STRAIGHT, 1.6),  # 1.2 m driven, from 1.6 m to 2.0 m away
-        ((-5.0, 0.0), STANDING, 0.0),
-        ((0.45, 0.0), STRAIGHT, 0.0),  # the goal is reached at 0.2 m, the rest is not driven
-    ],
-)
-def test_detours_by_hand(goal, actions, expected):
-    found = way(goal).detours(torch.tensor([[actions]]))
-    torch.testing.assert_close(found, torch.tensor([[expected]]), atol=1e-5, rtol=0)
-
-
-def test_detour_of_a_circle_is_its_arc_less_what_is_gained():
-    # 1 m/s at 1.5 rad/s for 1.2 s from the origin, around (0, 2/3)
-    radius, angle = 1 / 1.5, 1.8
-    x, y = radius * np.sin(angle), radius * (1 - np.cos(angle))
-    expected = 1.2 - (5.0 - np.hypot(x - 3.0, y - 4.0))
-    found = way((3.0, 4.0)).detours(torch.ones(1, 1, 6, 2))
-    assert found.item() == pytest.approx(expected, abs=0.006)  # steps are driven as chords
-
-
-@given(
-    st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=8),
-    st.floats(-6, 6), st.floats(-6, 6),
-)  # fmt: skip
-def test_a_detour_is_between_nothing_and_twice_the_way(actions, x, y):
-    candidates = torch.tensor([[actions]], dtype=torch.float32)
-    found = way((x, y)).detours(candidates).item()
-    driven = (0.5 + 0.5 * candidates[..., 0]).sum().item() * 0.2
-    assert -1e-5 <= found <= 2 * driven + 1e-5
-
-
-def test_detours_count_by_their_weight_for_each_robots_own_goal():
-    class Hasty(LinearModel):  # the faster the better, until 10 per metre of detour are more
-        def reward_and_end(self, z, action):
-            return action[..., 0], torch.full(action.shape[:-1], -40.0)
-
-    chosen = settings(detour_weight=10.0)
-    generator = torch.Generator().manual_seed(0)
-    goals = way((5.0, 0.0), (-5.0, 0.0))
-    model, views, still = Hasty([0.0, 0.0]), torch.zeros(1, 2, 2), torch.zeros(2, 2)
-    result = plan(model, views, still, chosen, 1.0, HALF, generator, score="reward", way=goals)
-    assert result.actions[0, :, 0].min() > 0.7
-    assert result.actions[1, :, 0].max() < -0.9
 
 
 def test_plan_is_a_function_of_the_generators_seed():

@@ -30,7 +30,7 @@ from crowdbench_agents.latent_planner.training import (
 )
 from crowdbench_agents.latent_planner.validation import Validation
 from crowdbench_agents.latent_planner.weights import load_world_model
-from crowdbench_agents.latent_planner.world_model import Inputs
+from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -228,7 +228,7 @@ def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
     config = Config()
     learner = Learner(tiny(), seed=0)
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
-    explorer = Explorer(learner.model, config, robot, seed=0)
+    explorer = Explorer(learner.model, config, ActionBounds.of(robot), seed=0)
     seen = []
     for explorer.decisions in (0, 12_500, 25_000, 10**6):
         seen.append(explorer.epsilon)
@@ -238,7 +238,7 @@ def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
 def test_plans_are_examples_only_where_they_have_just_been_made():
     config = tiny(**{"training.planning_environments": 4, "training.taught_environments": 0})
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
-    explorer = Explorer(Learner(config, seed=0).model, config, robot, seed=0)
+    explorer = Explorer(Learner(config, seed=0).model, config, ActionBounds.of(robot), seed=0)
     sensed = Sensed(
         np.zeros((4, 16, 16), np.uint8), np.zeros((4, 2), np.float32), np.ones((4, 2), np.float32)
     )
