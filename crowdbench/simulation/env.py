@@ -129,7 +129,7 @@ from pettingzoo import ParallelEnv
 from crowdbench.agent import RobotSpec, lidar_angles
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
-from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
+from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.reward import collision_term, goal_term, social_term
 from crowdbench.simulation.world import World
 
@@ -360,43 +360,12 @@ class CrowdEnv(ParallelEnv):
 
     def _observe(self, r: int) -> tuple[dict[str, NDArray[np.float32]], float]:
         """A robot's observation, and its least true LiDAR distance [m]."""
-        world, scenario = self._world, self.scenario
-        assert world is not None
-        segments = world.layout.walls
-        if len(self._robots) > 1:
-            size = scenario.robots.length, scenario.robots.width
-            others = [footprint_segments(world.pose[i], *size) for i in range(len(world.pose))
-                      if i != r and world.active[i]]  # fmt: skip
-            segments = np.vstack([segments, *others])
-        packed = np.empty(len(self._beams) + 7, dtype=np.float32)
-        scan = packed[7:]
-        nearest = cast_rays(
-            world.pose[r],
-            self._beams,
-            world.pedestrians.position,
-            scenario.pedestrians.radius,
-            world.layout.obstacles,
-            segments,
-            scenario.lidar.range,
-            scan,
+        assert self._world is not None
+        seen, nearest = observations.of_robot(
+            self._world, self.scenario, r, self._beams, self._noise[r], self._origin[r]
         )
-        lidar = scenario.lidar
-        if lidar.noise > 0.0:
-            noisy = scan + self._noise[r].normal(0.0, lidar.noise, len(scan))
-            # A beam that hits nothing has nothing to be noisy about.
-            scan[:] = np.where(scan < lidar.range, np.clip(noisy, 0.0, lidar.range), scan)
-        if lidar.dropout > 0.0:
-            scan[self._noise[r].random(len(scan)) < lidar.dropout] = lidar.range
-        observations.proprioception(
-            world.pose[r], world.velocity[r], world.goals[r], self._origin[r], packed
-        )
-        self._scans[self._robots[r]] = scan
-        return {
-            "lidar": scan,
-            "velocity": packed[0:2],
-            "goal": packed[2:4],
-            "pose": packed[4:7],
-        }, nearest
+        self._scans[self._robots[r]] = seen["lidar"]
+        return seen, nearest
 
     def _judge(self, r: int, nearest: float) -> tuple[dict[str, float], str]:
         """Reward terms and outcome of a robot's step; a contact counts even on arrival."""

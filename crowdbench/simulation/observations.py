@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
+from crowdbench.simulation.lidar import cast_rays, footprint_segments
 from crowdbench.simulation.world import World
 
 
@@ -99,8 +100,56 @@ def state(world: World) -> dict[str, NDArray[Any]]:
     }
 
 
+def of_robot(
+    world: World,
+    scenario: Scenario,
+    r: int,
+    beams: NDArray[np.float64],
+    noise: np.random.Generator,
+    origin: NDArray[np.float64],
+) -> tuple[dict[str, NDArray[np.float32]], float]:
+    """What robot ``r`` observes, and its least true LiDAR distance [m].
+
+    Args:
+        world: everything as it is now.
+        scenario: names the LiDAR's range, noise and dropout and the sizes of bodies.
+        r: index of the robot.
+        beams: (beams, 3) from ``beam_table``.
+        noise: drawn from where the LiDAR is noisy.
+        origin: (3,) pose at which the robot's odometry is zero.
+    """
+    segments = world.layout.walls
+    if len(world.pose) > 1:
+        size = scenario.robots.length, scenario.robots.width
+        others = [footprint_segments(world.pose[i], *size) for i in range(len(world.pose))
+                  if i != r and world.active[i]]  # fmt: skip
+        segments = np.vstack([segments, *others])
+    packed = np.empty(len(beams) + 7, dtype=np.float32)
+    scan = packed[7:]
+    lidar = scenario.lidar
+    nearest = cast_rays(
+        world.pose[r],
+        beams,
+        world.pedestrians.position,
+        scenario.pedestrians.radius,
+        world.layout.obstacles,
+        segments,
+        lidar.range,
+        scan,
+    )
+    if lidar.noise > 0.0:
+        noisy = scan + noise.normal(0.0, lidar.noise, len(scan))
+        # A beam that hits nothing has nothing to be noisy about.
+        scan[:] = np.where(scan < lidar.range, np.clip(noisy, 0.0, lidar.range), scan)
+    if lidar.dropout > 0.0:
+        scan[noise.random(len(scan)) < lidar.dropout] = lidar.range
+    _proprioception(world.pose[r], world.velocity[r], world.goals[r], origin, packed)
+    seen = {"lidar": scan, "velocity": packed[0:2], "goal": packed[2:4], "pose": packed[4:7]}
+    return seen, nearest
+
+
 @njit(cache=True)
-def proprioception(
+def _proprioception(
     pose: NDArray[np.float64],
     velocity: NDArray[np.float64],
     goal: NDArray[np.float64],
