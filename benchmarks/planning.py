@@ -56,7 +56,7 @@ def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -
         due = np.flatnonzero(since == 0)
         if len(due):
             inputs = Inputs(*(torch.from_numpy(x[due]) for x in moment.sensed))
-            views = look(model, inputs, planner)
+            views = look(model, model.encode(inputs), inputs, planner)
             place, begins = moment.place[due], moment.steps[due] == 0
             later = torch.arange(execute, execute + horizon).clamp(max=horizon - 1)
             before = plans[place][:, later]

@@ -32,7 +32,7 @@ class Options(BaseModel):
     candidates: Annotated[int, Field(ge=1)] | None
     elites: Annotated[int, Field(ge=1)] | None
     arcs: bool
-    reflect: bool
+    reflect: bool | None
     values: Literal["final", "mean", "lambda"] | None
     threads: Annotated[int, Field(ge=1, le=256)] | None
 
@@ -49,14 +49,13 @@ class LatentPlanner(LearnedAgent):
         score: what candidates are scored by: predicted rewards and the final Q, or one of them.
         weights: name of shipped weights, or path of a ``.safetensors`` file; None takes the
             agent's own.
-        iterations: MPPI's (6 in the paper). This and the next three are by default those of the
+        iterations: MPPI's (6 in the paper). This and the next five are by default those of the
             weights' configuration; with fewer candidates than elites all are elites.
         candidates: per iteration, those of the policy included (512 in the paper).
         elites: candidates that the next iteration's Gaussian is fitted to (64 in the paper).
         arcs: whether there are further candidates that keep to one action, where the weights'
             configuration has them.
-        reflect: whether candidates are scored with left and right swapped as well, where the
-            weights' configuration says so.
+        reflect: whether candidates are scored with left and right swapped as well.
         values: what counts of the values: "final", the Q behind the horizon, the paper's score;
             "mean", the mean of the returns of 1 .. H steps; or "lambda", their lambda-return.
         threads: used to plan; None means as many as PyTorch uses.
@@ -80,7 +79,7 @@ class LatentPlanner(LearnedAgent):
         candidates: int | None = None,
         elites: int | None = None,
         arcs: bool = True,
-        reflect: bool = True,
+        reflect: bool | None = None,
         values: str | None = None,
         threads: int | None = None,
     ) -> None:
@@ -139,12 +138,10 @@ class LatentPlanner(LearnedAgent):
         model, config = load_world_model(path)
         options = self.options
         changes = options.model_dump(
-            include=set(Planner.model_fields), exclude={"arcs", "reflect"}, exclude_none=True
+            include=set(Planner.model_fields), exclude={"arcs"}, exclude_none=True
         )
         if not options.arcs:
             changes["arcs"] = None
-        if not options.reflect:
-            changes["reflect"] = False
         if not options.policy_prior:
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)
@@ -158,15 +155,16 @@ class LatentPlanner(LearnedAgent):
         from crowdbench_agents.latent_planner.mppi import look
 
         model: WorldModel = self._network
+        z = model.encode(inputs)
         if not self.options.use_mppi:
-            z, actions = model.encode(inputs), []
+            actions = []
             for _ in range(self.options.execute):
                 actions.append(model.act(z)[0])
                 z = model.next(z, actions[-1][None])
             return torch.stack(actions).numpy()
         previous = self._bounds.normalised(inputs.velocity.numpy())
         result = self._planner.plan(
-            look(model, inputs, self._settings),
+            look(model, z, inputs, self._settings),
             torch.from_numpy(previous),
             self._settings,
             self._config.loss.discount,

@@ -79,7 +79,7 @@ class Explorer:
         count = len(self._left)
         inputs = Inputs(*map(torch.from_numpy, sensed))
         z = self._model.encode(inputs)
-        self._decide(inputs)
+        self._decide(z, inputs)
         noise = torch.randn(count, 2, generator=self.generator)
         action = self._model.sample(z, noise)[0].float()
         planning = torch.from_numpy(self._planning)
@@ -99,7 +99,7 @@ class Explorer:
         self._at += 1
         return Acts(executed, planned.numpy(), source)
 
-    def _decide(self, inputs: Inputs) -> None:
+    def _decide(self, z: torch.Tensor, inputs: Inputs) -> None:
         due = np.flatnonzero(self._left <= 0)
         horizon = self._config.planner.horizon
         epsilon = self.epsilon
@@ -111,7 +111,8 @@ class Explorer:
             done = torch.from_numpy(self._at[due])
             steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
             warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
-            views = look(self._model, Inputs(*(x[due] for x in inputs)), self._config.planner)
+            seen = Inputs(*(x[due] for x in inputs))
+            views = look(self._model, z[due], seen, self._config.planner)
             self._plans[due] = plan(
                 self._model, views, self._last[due], self._config.planner,
                 self._config.loss.discount, self._half, self.generator, warm_start,

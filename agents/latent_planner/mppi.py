@@ -32,17 +32,16 @@ class Plan(NamedTuple):
 
 
 @torch.no_grad()
-def look(model: WorldModel, inputs: Inputs, settings: Planner) -> Tensor:
-    """Views (V, M, latent) of the present to plan from, for inputs (M, ...).
+def look(model: WorldModel, z: Tensor, inputs: Inputs, settings: Planner) -> Tensor:
+    """Views (V, M, latent) of the present to plan from, for inputs (M, ...) encoded as z.
 
     With ``settings.reflect`` the second is what the world looks like with left and right swapped.
     It is the same world, so where the model values an action differently in it, that is an error of
     the model; the mean of both has less of it.
     """
     if not settings.reflect:
-        return model.encode(inputs)[None]
-    both = Inputs(*map(torch.stack, zip(inputs, inputs.reflected(), strict=True)))
-    return model.encode(both)
+        return z[None]
+    return torch.stack([z, model.encode(inputs.reflected())])
 
 
 def signs(views: Tensor) -> Tensor:

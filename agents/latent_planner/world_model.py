@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.config import Model
-from crowdbench_agents.perception import FRAMES
+from crowdbench_agents.perception import FRAMES, reflect
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, softplus
@@ -44,7 +44,8 @@ class Inputs(NamedTuple):
 
     def reflected(self) -> Inputs:
         """The same with left and right swapped."""
-        return Inputs(self.map.flip(-1), self.velocity * REFLECT, self.goal * REFLECT)
+        turned = torch.from_numpy(reflect(self.map.numpy()))
+        return Inputs(turned, self.velocity * REFLECT, self.goal * REFLECT)
 
 
 class ActionBounds(NamedTuple):

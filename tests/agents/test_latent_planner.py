@@ -221,10 +221,9 @@ def test_every_row_of_the_papers_tables_can_be_run(weights, row):
     agent = spec.make()
     actions = drive(agent, 12)
     assert np.all((actions >= [0, -1.5]) & (actions <= [1, 1.5]))
-    execute = spec.options.get("execute", 1)
-    # most plans differ, and one may keep to one action
-    assert len(np.unique(actions[:, 1])) > 6 / execute
-    assert agent.diagnostics() == {"plans": np.ceil(12 / execute)}
+    plans = np.ceil(12 / spec.options.get("execute", 1))
+    assert agent.diagnostics() == {"plans": plans}
+    assert len(np.unique(actions[:, 1])) > plans / 2
 
 
 def test_an_action_beyond_its_bounds_by_rounding_is_brought_back(weights, monkeypatch):

@@ -235,8 +235,14 @@ def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions():
     assert seen == pytest.approx([0.5, 0.275, 0.05, 0.05])
 
 
-def test_plans_are_examples_only_where_they_have_just_been_made():
-    config = tiny(**{"training.planning_environments": 4, "training.taught_environments": 0})
+@pytest.mark.parametrize("reflect", [False, True])
+def test_plans_are_examples_only_where_they_have_just_been_made(reflect):
+    config = tiny(
+        **{
+            "training.planning_environments": 4, "training.taught_environments": 0,
+            "planner.reflect": reflect,
+        }
+    )  # fmt: skip
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
     explorer = Explorer(Learner(config, seed=0).model, config, ActionBounds.of(robot), seed=0)
     sensed = Sensed(
