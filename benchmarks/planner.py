@@ -38,8 +38,11 @@ from torch import nn
 
 import crowdbench
 
-BUDGET = {"horizon": 6, "iterations": 6, "candidates": 512, "elites": 64, "values": "final"}
-"""The paper's; it has no arcs, whose number is a setting and whose use is an option."""
+BUDGET = {
+    "horizon": 6, "iterations": 6, "candidates": 512, "elites": 64, "policy_share": 0.05,
+    "values": "final", "arcs": None, "reflect": False,
+}  # fmt: skip
+"""The paper's."""
 SCENARIO = "multimodal_fast"
 
 
@@ -128,7 +131,7 @@ def seconds(action: Callable[[], object], calls: int = 1) -> tuple[float, float]
     return (time.perf_counter() - wall) / calls, (time.process_time() - processor) / calls
 
 
-def measure(weights: Path, sac_weights: Path, repeats: int, console: Console) -> None:
+def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, console: Console) -> None:
     torch.set_num_threads(1)
     torch.set_grad_enabled(False)
     seen = observations()
@@ -141,29 +144,31 @@ def measure(weights: Path, sac_weights: Path, repeats: int, console: Console) ->
 
     warm_up, _ = seconds(start)
     model, config = load_world_model(weights)
-    products = {kind: Products(model, config, kind == "oneDNN") for kind in ("default", "oneDNN")}
+    planned = config.override({f"planner.{key}": value for key, value in BUDGET.items()})
+    full = folder / "full_budget.safetensors"
+    save_weights(full, model.state_dict(), planned, {}, FORMAT)
+    products = {kind: Products(model, planned, kind == "oneDNN") for kind in ("default", "oneDNN")}
     views = model.normalise(torch.randn(1, 1, config.model.latent))
-    settings = config.planner.model_copy(update=BUDGET | {"arcs": None})
-    arguments = views, torch.zeros(1, 2), settings, config.loss.discount, torch.tensor([0.5, 1.5])
+    bounds = torch.tensor([0.5, 1.5])
+    arguments = views, torch.zeros(1, 2), planned.planner, planned.loss.discount, bounds
     generator = torch.Generator().manual_seed(0)
     forms = {threads: FastPlanner(model, threads) for threads in (1, 2)}
 
-    def agent(**options: object) -> Driver:
-        return Driver(LatentPlanner(weights=str(weights), **options), seen)
+    def agent(path: Path, **options: object) -> Driver:
+        return Driver(LatentPlanner(weights=str(path), **options), seen)
 
-    full = {"arcs": False, "reflect": False, **BUDGET}
     cases: dict[str, tuple[Callable[[], object], int]] = {
         "matrix products alone (the floor)": (products["default"], 1),
         "the same products through oneDNN": (products["oneDNN"], 1),
         "plan, plain form": (lambda: plan(model, *arguments, generator), 1),
         "plan, fast form, 1 thread": (lambda: forms[1].plan(*arguments, generator), 1),
         "plan, fast form, 2 threads": (lambda: forms[2].plan(*arguments, generator), 1),
-        "act, E = 1, 1 thread": (agent(threads=1, **full), 1),
-        "act, E = 1, 2 threads": (agent(threads=2, **full), 1),
-        "act, E = 6, per step, 1 thread": (agent(threads=1, execute=6, **full), 6),
-        "act, E = 6, per step, 2 threads": (agent(threads=2, execute=6, **full), 6),
-        "act, E = 1, 1 thread, as configured": (agent(threads=1), 1),
-        "act, policy only": (agent(use_mppi=False), 6),
+        "act, E = 1, 1 thread": (agent(full, threads=1), 1),
+        "act, E = 1, 2 threads": (agent(full, threads=2), 1),
+        "act, E = 6, per step, 1 thread": (agent(full, threads=1, execute=6), 6),
+        "act, E = 6, per step, 2 threads": (agent(full, threads=2, execute=6), 6),
+        "act, E = 1, 1 thread, as configured": (agent(weights, threads=1), 1),
+        "act, policy only": (agent(weights, use_mppi=False), 6),
         "act, SAC": (Driver(Sac(weights=str(sac_weights)), seen), 6),
     }
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in cases}
@@ -205,8 +210,8 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         model, actor = random_weights(Path(folder))
-        console = Console()
-        measure(options.weights or model, options.sac_weights or actor, options.repeats, console)
+        weights = options.weights or model, options.sac_weights or actor
+        measure(*weights, Path(folder), options.repeats, Console())
 
 
 if __name__ == "__main__":
