@@ -53,8 +53,9 @@ class Products:
         self._onednn = onednn
         step = [model.dynamics, model.outcome]
         final = [model.policy_network, *model.q_networks]
-        rows, horizon, iterations = (BUDGET[k] for k in ("candidates", "horizon", "iterations"))
-        guided = round(config.planner.policy_share * rows)
+        planner = config.planner
+        rows, horizon, iterations = planner.candidates, planner.horizon, planner.iterations
+        guided = round(planner.policy_share * rows)
         self._work = [
             *self._prepare(guided, [model.policy_network, model.dynamics], horizon),
             *self._prepare(rows, step, horizon * iterations),

@@ -350,10 +350,10 @@ class CrowdEnv(ParallelEnv):
                 continue
             if name not in actions:
                 raise ValueError(f"no action for agent {name!r}")
-            commands[r] = _checked(name, actions[name])
+            commands[r] = observations.checked_action(name, actions[name])
         for name, p in self._walkers.items():
             if actions.get(name) is not None:
-                velocity = _checked(name, actions[name])
+                velocity = observations.checked_action(name, actions[name])
                 walking[p] = np.clip(velocity, -PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED)
         low, high = self._limits
         return np.minimum(np.maximum(commands, low), high), walking
@@ -393,15 +393,3 @@ class CrowdEnv(ParallelEnv):
         }
         self._distance[r] = distance
         return terms, "collision" if collided else "success" if arrived else "running"
-
-
-def _checked(name: str, action: Any) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"action of agent {name!r}: {action!r} is not numeric") from error
-    if array.shape != (2,):
-        raise ValueError(f"action of agent {name!r}: expected shape (2,), got {array.shape}")
-    if not (math.isfinite(array[0]) and math.isfinite(array[1])):
-        raise ValueError(f"action of agent {name!r}: expected finite numbers, got {array}")
-    return array

@@ -1,7 +1,8 @@
-"""What leaves the world: observations of robots and pedestrians, the state, and their spaces."""
+"""The border of the world: observations, the state, actions as they come in, and their spaces."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -185,6 +186,23 @@ def of_walkers(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, 
             "pedestrians": (np.delete(crowd, p, axis=0) - crowd[p]).astype(np.float32),
         }
     return seen
+
+
+def checked_action(name: str, action: Any) -> NDArray[np.float64]:
+    """An agent's action as an array (2,).
+
+    Raises:
+        ValueError: not two finite numbers; the message names the agent.
+    """
+    try:
+        array = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"action of agent {name!r}: {action!r} is not numeric") from error
+    if array.shape != (2,):
+        raise ValueError(f"action of agent {name!r}: expected shape (2,), got {array.shape}")
+    if not (math.isfinite(array[0]) and math.isfinite(array[1])):
+        raise ValueError(f"action of agent {name!r}: expected finite numbers, got {array}")
+    return array
 
 
 def _unbounded(*shape: int) -> spaces.Box:
