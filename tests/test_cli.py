@@ -19,7 +19,7 @@ from rich.console import Console
 
 from crowdbench.agent import agent_names
 from crowdbench.cli import main
-from crowdbench.cli_report import print_comparison
+from crowdbench.cli.printing import print_comparison
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import scenario_names

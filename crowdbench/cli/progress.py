@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from crowdbench.cli_common import err
+from crowdbench.cli.common import err
 from crowdbench.evaluation.runner import Progress
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli_common import SetOption, UserError, out
+from crowdbench.cli.common import SetOption, UserError, out
 from crowdbench.scenario import nearest, parse_overrides
 
 ENTRY_POINT_GROUP = "crowdbench.trainers"

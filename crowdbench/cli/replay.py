@@ -1,4 +1,4 @@
-"""``crowdbench report`` and ``crowdbench replay``: pages to look at in a browser."""
+"""``crowdbench replay``: stored episodes in the browser."""
 
 from __future__ import annotations
 
@@ -9,33 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli_common import ResultsOption, UserError, out
+from crowdbench.cli.common import RESULTS, ResultsOption, UserError, out
 from crowdbench.scenario import load_scenario
 
 if TYPE_CHECKING:
     from crowdbench.reporting.replay import Recording
 
-RESULTS = Path("results")
 _FORMS = "expected a trajectory file (.jsonl.gz) or SCENARIO:AGENT:SEED"
-
-
-def report(
-    results: ResultsOption = RESULTS,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the page, by default RESULTS/report."),
-    ] = None,
-) -> None:
-    """Write a page with leaderboards, tables, figures and replays; it needs no server."""
-    from crowdbench.reporting.website import write_report_page
-
-    site = write_report_page(results, output or results / "report")
-    out().print(
-        f"{site.page}: {site.cells} leaderboard lines from {site.episodes:,} episodes, "
-        f"{site.replays:,} replays",
-        markup=False,
-        soft_wrap=True,
-    )
 
 
 def replay(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from crowdbench.cli_common import ResultsOption, SetOption, UserError, out
+from crowdbench.cli.common import RESULTS, ResultsOption, SetOption, UserError, out
 from crowdbench.scenario import load_scenario, parse_overrides
 
 
@@ -18,7 +17,7 @@ def play(
         typer.Option(min=0, help="Episode seed, by default the first that nobody has driven."),
     ] = None,
     overrides: SetOption = None,
-    results: ResultsOption = Path("results"),
+    results: ResultsOption = RESULTS,
 ) -> None:
     """Drive the robot with the arrow keys; the episode is stored as agent "human"."""
     world = load_scenario(scenario, **parse_overrides(overrides or []))

@@ -5,21 +5,24 @@ Everything heavy is imported inside the commands, so that ``crowdbench --help`` 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
 from crowdbench.agent import AgentError
-from crowdbench.cli_common import UserError, err, out
-from crowdbench.cli_lists import agents, scenarios
-from crowdbench.cli_pictures import record, show
-from crowdbench.cli_play import play
-from crowdbench.cli_run import compare, run
-from crowdbench.cli_site import replay, report
-from crowdbench.cli_tables import tables
-from crowdbench.cli_train import train
+from crowdbench.cli.agents import agents
+from crowdbench.cli.common import UserError, err, out
+from crowdbench.cli.compare import compare
+from crowdbench.cli.play import play
+from crowdbench.cli.record import record
+from crowdbench.cli.replay import replay
+from crowdbench.cli.report import report
+from crowdbench.cli.run import run
+from crowdbench.cli.scenarios import scenarios
+from crowdbench.cli.show import show
+from crowdbench.cli.tables import tables
+from crowdbench.cli.train import train
 from crowdbench.evaluation.appending import ResultsError
 from crowdbench.scenario import ScenarioError
 
@@ -64,7 +67,3 @@ def _options(
     ] = False,
 ) -> None:
     pass
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crowdbench.cli_common import TABLE_METRICS
+from crowdbench.cli.common import TABLE_METRICS
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, ResultsStore
 from crowdbench.evaluation.statistics import Estimate, bootstrap_interval, wilson_interval

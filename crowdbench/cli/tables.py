@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli_common import ResultsOption, err, out
+from crowdbench.cli.common import RESULTS, ResultsOption, err, out
 
 if TYPE_CHECKING:
     from crowdbench.reporting.execution import Forecast
@@ -25,7 +25,7 @@ def tables(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
-    results: ResultsOption = Path("results"),
+    results: ResultsOption = RESULTS,
 ) -> None:
     """Write the paper's tables and figures.
 

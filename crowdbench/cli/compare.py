@@ -1,0 +1,72 @@
+"""``crowdbench compare``: tell two agents apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.agent import AgentSpec
+from crowdbench.cli.common import RESULTS, TABLE_METRICS, ResultsOption, UserError, out
+from crowdbench.scenario import nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="An agent, as it was run.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="Another.")],
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option("--scenario", "-s", help="By default all that both ran; may be repeated."),
+    ] = None,
+    metric: Annotated[
+        list[str] | None,
+        typer.Option("--metric", "-m", help="By default the paper's; may be repeated."),
+    ] = None,
+    results: ResultsOption = RESULTS,
+) -> None:
+    """Compare two agents on shared episodes."""
+    from crowdbench.cli.printing import print_comparison
+    from crowdbench.evaluation.metrics import METRICS
+    from crowdbench.evaluation.statistics import PairingError
+    from crowdbench.evaluation.statistics import compare as compare_tables
+
+    chosen = list(dict.fromkeys(metric or TABLE_METRICS))
+    for name in chosen:
+        if name not in METRICS:
+            raise UserError(f"unknown metric {name!r}{nearest(name, list(METRICS))}")
+    a, b = (_stored(results, text, scenario) for text in (first, second))
+    same = ["scenario", "scenario_digest"]
+    a, b = a.merge(b[same].drop_duplicates()), b.merge(a[same].drop_duplicates())
+    try:
+        table = compare_tables(_per_seed(a, chosen), _per_seed(b, chosen), chosen)
+    except PairingError as error:
+        raise UserError(f"{first} and {second} cannot be compared: {error}") from error
+    print_comparison(out(), table, first, second)
+
+
+def _stored(folder: Path, text: str, scenarios: Sequence[str] | None) -> pd.DataFrame:
+    """The stored episodes of an agent, in some scenarios or in all."""
+    from crowdbench.evaluation.results import load_results
+
+    name = str(AgentSpec.parse(text))
+    everything = load_results(folder)
+    rows = everything[everything["agent"] == name]
+    if rows.empty:
+        known = sorted(set(everything["agent"]))
+        hint = nearest(name, known) if known else "; nothing is stored there"
+        raise UserError(f"{folder}: no episodes of agent {name!r}{hint}")
+    for scenario in scenarios or []:
+        if scenario not in set(rows["scenario"]):
+            hint = nearest(scenario, sorted(set(rows["scenario"])))
+            raise UserError(f"{folder}: no episodes of {name!r} in scenario {scenario!r}{hint}")
+    return rows[rows["scenario"].isin(scenarios)] if scenarios else rows
+
+
+def _per_seed(rows: pd.DataFrame, metrics: list[str]) -> pd.DataFrame:
+    """One row per episode: the robots of one episode are no independent observations."""
+    return rows.groupby(["scenario", "seed"], as_index=False, sort=False)[metrics].mean()

@@ -1,0 +1,89 @@
+"""``crowdbench run``: measure agents in scenarios."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from crowdbench.agent import AgentSpec
+from crowdbench.cli.common import (
+    DEFAULT_AGENT,
+    DEFAULT_SCENARIO,
+    RESULTS,
+    ResultsOption,
+    SetOption,
+    out,
+)
+from crowdbench.scenario import load_scenario, parse_overrides
+
+
+def run(
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option("--scenario", "-s", help="Name or .yaml file; may be repeated."),
+    ] = None,
+    agent: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--agent", "-a", help="NAME[:OPTION=VALUE,...] or FILE.py:CLASS; may be repeated."
+        ),
+    ] = None,
+    episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="Per cell.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first episode; the rest follow.")] = 0,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
+    ] = None,
+    overrides: SetOption = None,
+    results: ResultsOption = RESULTS,
+    step_limit: Annotated[
+        float, typer.Option(min=0.01, help="Seconds an agent may take for one step.")
+    ] = 10.0,
+    save_trajectories: Annotated[
+        bool, typer.Option("--save-trajectories", help="Keep whole episodes, for replays.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON document and nothing else.")
+    ] = False,
+) -> None:
+    """Run agents in scenarios.
+
+    One row per episode is stored; the same command goes on where it was stopped.
+    """
+    from crowdbench.cli.progress import ProgressBar
+    from crowdbench.evaluation.pool import Limits
+    from crowdbench.evaluation.results import ResultsStore
+    from crowdbench.evaluation.runner import Task
+    from crowdbench.evaluation.runner import run as run_tasks
+
+    changes = parse_overrides(overrides or [])
+    names = dict.fromkeys(scenario or [DEFAULT_SCENARIO])
+    worlds = [load_scenario(name, **changes) for name in names]
+    specs = {str(spec): spec for spec in map(AgentSpec.parse, agent or [DEFAULT_AGENT])}
+    seeds = range(seed, seed + episodes)
+    tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
+    with ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar:
+        try:
+            cells = run_tasks(
+                tasks,
+                results,
+                jobs=jobs,
+                limits=Limits(step=step_limit),
+                save_trajectories=save_trajectories,
+                on_progress=bar.update,
+            )
+        except KeyboardInterrupt:
+            bar.say_interrupted(results)
+            raise typer.Exit(130) from None
+
+    from crowdbench.cli.printing import as_document, print_tables
+
+    store = ResultsStore(results)
+    rows = {cell: store.rows(cell) for cell in cells}
+    rows = {cell: table[table["seed"].isin(seeds)] for cell, table in rows.items()}
+    if as_json:
+        typer.echo(json.dumps(as_document(store, rows), allow_nan=False))
+    else:
+        print_tables(out(), store, rows)
+        bar.say_stored(results)

@@ -1,0 +1,34 @@
+"""``crowdbench show``: how a scenario begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crowdbench.cli.common import SetOption, out
+from crowdbench.cli.pictures import ScenarioArgument, SeedOption, picture, save
+from crowdbench.scenario import load_scenario, parse_overrides
+
+
+def show(
+    scenario: ScenarioArgument,
+    seed: SeedOption = 0,
+    overrides: SetOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Picture, by default SCENARIO.png.")
+    ] = None,
+) -> None:
+    """Draw how a scenario begins."""
+    world = load_scenario(scenario, **parse_overrides(overrides or []))
+    path = output or Path(f"{world.name}.png")
+
+    from PIL import Image
+
+    from crowdbench.simulation.env import CrowdEnv
+
+    env = CrowdEnv(world, render_mode="rgb_array")
+    env.reset(seed=seed)
+    save(lambda: Image.fromarray(picture(env)).save(path), path)
+    out().print(f"{path}: {world.name}, seed {seed}", markup=False)
