@@ -47,6 +47,8 @@ class Episode:
         contact: what was touched when the outcome is ``collision``.
         error: the agent's message when the outcome is ``agent_error``.
         diagnostics: the agent's own counters.
+        commands: (T, 2) what the agent asked for, before any limit; with them and the seed the
+            episode can be simulated again. Empty where it was not recorded.
     """
 
     scenario: str
@@ -73,6 +75,7 @@ class Episode:
     contact: Contact | None = None
     error: str | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    commands: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def steps(self) -> int:

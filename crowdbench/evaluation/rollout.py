@@ -36,6 +36,7 @@ class _Log:
     contact: Contact | None = None
     inference_s: list[float] = field(default_factory=list)
     actions: list[NDArray[np.float64]] = field(default_factory=list)
+    commands: list[NDArray[np.float64]] = field(default_factory=list)
     diagnostics: dict[str, float] = field(default_factory=dict)
 
     def fail(self, message: str) -> None:
@@ -99,6 +100,7 @@ def run_episode(
         for log in live:
             if log.outcome is None:
                 log.actions.append(states[-1]["robot_velocity"][log.index])
+                log.commands.append(actions[log.robot])
                 outcome = infos[log.robot]["outcome"]
                 log.outcome = None if outcome == "running" else outcome
                 log.contact = infos[log.robot]["contact"]
@@ -222,6 +224,7 @@ def _episode(
         pedestrian_radius=scenario.pedestrians.radius,
         robot_pose=poses[:, log.index],
         actions=np.array(log.actions).reshape(-1, 2),
+        commands=np.array(log.commands).reshape(-1, 2),
         other_robots=np.delete(others, log.index, axis=1),
         pedestrian_position=arrays["pedestrian_position"],
         pedestrian_velocity=arrays["pedestrian_velocity"],

@@ -1,0 +1,87 @@
+"""Extension points: things found by name, built in or from any installed package.
+
+A package adds one in a single file and one line of its metadata, the entry point. Built-in ones
+come first, in their order, then those of other packages by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Generic, TypeVar
+
+from crowdbench.scenario import nearest
+
+T = TypeVar("T")
+
+
+class UnknownNameError(ValueError):
+    """A name that nothing has, or whose package cannot be loaded; the message says which."""
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """A mapping from names to objects of one kind; an object of a package loads when asked for."""
+
+    def __init__(self, kind: str, group: str, builtin: Mapping[str, T], of: type[Any]) -> None:
+        """Start with what is built in.
+
+        Args:
+            kind: what the objects are, as messages say it, e.g. ``"metric"``.
+            group: entry-point group under which other packages add theirs.
+            builtin: by name.
+            of: what an object has to be an instance of.
+        """
+        self._kind, self._group, self._of = kind, group, of
+        self._known: dict[str, T] = dict(builtin)
+        self._points: dict[str, EntryPoint] | None = None
+
+    def register(self, name: str, value: T) -> None:
+        """Add an object for this process alone; worker processes see entry points only.
+
+        Raises:
+            ValueError: the name is taken, or the object is of another kind.
+        """
+        if name in self:
+            raise ValueError(f"{self._kind} {name!r} is there already")
+        self._known[name] = self._checked(name, value)
+
+    def __getitem__(self, name: str) -> T:
+        """The object of a name.
+
+        Raises:
+            UnknownNameError: nothing has it (the nearest are listed), or it cannot be loaded.
+        """
+        if name not in self._known:
+            point = self._others().get(name)
+            if point is None:
+                raise UnknownNameError(f"unknown {self._kind} {name!r}{nearest(name, list(self))}")
+            try:
+                value = point.load()
+            except Exception as error:
+                raise UnknownNameError(
+                    f"{self._kind} {name!r} ({point.value}) cannot be loaded: "
+                    f"{type(error).__name__}: {error}"
+                ) from error
+            self._known[name] = self._checked(name, value)
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known or name in self._others()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(list(dict.fromkeys([*self._known, *self._others()])))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def _others(self) -> dict[str, EntryPoint]:
+        if self._points is None:
+            points = sorted(entry_points(group=self._group), key=lambda point: point.name)
+            self._points = {p.name: p for p in points if p.name not in self._known}
+        return self._points
+
+    def _checked(self, name: str, value: T) -> T:
+        if not isinstance(value, self._of):
+            kind = f"{self._of.__module__}.{self._of.__qualname__}"
+            raise UnknownNameError(f"{self._kind} {name!r}: {value!r} is not a {kind}")
+        return value

@@ -1,0 +1,48 @@
+"""Extension points: found by name, built in or from another package."""
+
+import pytest
+
+from crowdbench.registry import Registry, UnknownNameError
+
+PACKAGE = """\
+[test.numbers]
+seven = numbers_of_others:SEVEN
+word = numbers_of_others:WORD
+broken = numbers_of_others:MISSING
+one = numbers_of_others:SEVEN
+"""
+
+
+@pytest.fixture
+def registry(tmp_path, monkeypatch):
+    """Two numbers of its own and a package beside it."""
+    (tmp_path / "numbers_of_others.py").write_text("SEVEN = 7\nWORD = 'seven'\n")
+    info = tmp_path / "numbers_of_others-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: numbers-of-others\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(PACKAGE)
+    monkeypatch.syspath_prepend(tmp_path)
+    return Registry("number", "test.numbers", {"one": 1, "two": 2}, of=int)
+
+
+def test_built_in_ones_come_first_and_cannot_be_replaced(registry):
+    assert list(registry) == ["one", "two", "broken", "seven", "word"]
+    assert (registry["one"], registry["seven"]) == (1, 7)
+    assert len(registry) == 5
+
+
+def test_what_is_unknown_or_broken_is_said(registry):
+    with pytest.raises(UnknownNameError, match=r"unknown number 'sevn'; did you mean 'seven'\?"):
+        registry["sevn"]
+    with pytest.raises(UnknownNameError, match=r"number 'broken' .* cannot be loaded: Attribute"):
+        registry["broken"]
+    with pytest.raises(UnknownNameError, match=r"number 'word': 'seven' is not a builtins.int"):
+        registry["word"]
+
+
+def test_registering_for_this_process(registry):
+    registry.register("three", 3)
+    assert registry["three"] == 3
+    for name in ("three", "one", "seven"):
+        with pytest.raises(ValueError, match="is there already"):
+            registry.register(name, 4)
