@@ -94,7 +94,7 @@ class Obstacles(_Section):
 
 
 class Pedestrians(_Section):
-    """The people: how many, how they walk, what they want and whom they see."""
+    """The people: how many, how they walk, where to, and how many of them are reactive."""
 
     count: int = Field(8, ge=0, le=500, description="how many")
     radius: Positive = Field(0.25, le=2, description="of everybody [m]")
@@ -107,7 +107,7 @@ class Pedestrians(_Section):
     control: Literal["scripted", "agents"] = Field(
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
     )
-    reactive: Share = Field(1.0, description="share of the people who see the robot")
+    reactive: Share = Field(1.0, description="share of the pedestrians that see the robot")
     field_of_view: Positive = Field(
         220.0, le=360, description="within which a reactive pedestrian sees the robot [deg]"
     )

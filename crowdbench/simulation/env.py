@@ -3,8 +3,9 @@
 Description
 -----------
 One or more differential-drive robots each have to reach a goal on the far side of a crowd, or of a
-corridor, without touching anybody or anything. Pedestrians walk to goals of their own; a share of
-them sees the robots and evades them. What the world is like is a scenario's matter.
+corridor, without touching anybody or anything. Pedestrians walk to goals of their own. Reactive
+ones see the robots and evade them, non-reactive ones do not. A scenario says what the world is
+like.
 
 The agents are ``robot_0``, ``robot_1``, ... With ``pedestrians.control: agents`` the pedestrians
 are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
@@ -80,8 +81,8 @@ Pedestrians: metres gained towards their current goal.
 Episode end
 -----------
 A robot terminates on arrival (within ``robots.goal_tolerance``, 0.3 m) or on any contact, and
-leaves the scene; who touches something while arriving has collided. At ``time_limit`` everybody
-still there is truncated, pedestrians as soon as the last robot is gone.
+leaves the scene; one that touches something while arriving has collided. At ``time_limit``
+everybody still there is truncated, pedestrians as soon as the last robot is gone.
 
 Information
 -----------
@@ -244,7 +245,7 @@ class CrowdEnv(ParallelEnv):
         self.agents = list(self.possible_agents)
         self._distance = np.linalg.norm(self._world.goals - self._world.pose[:, :2], axis=1)
         seen = {name: self._observe(r)[0] for r, name in enumerate(self._robots)}
-        seen |= observations.of_walkers(self._world, self._walkers)
+        seen |= observations.observe_pedestrians(self._world, self._walkers)
         if self.render_mode == "human":
             self.render()
         return seen, {name: {} for name in self.agents}
@@ -284,7 +285,7 @@ class CrowdEnv(ParallelEnv):
             if not world.active[r]:
                 continue
             seen[name], nearest = self._observe(r)
-            terms, outcome = self._judge(r, nearest)
+            terms, outcome = self._reward_and_outcome(r, nearest)
             rewards[name] = float(sum(terms.values()))
             terminations[name] = outcome in ("success", "collision")
             truncations[name] = late and outcome == "running"
@@ -297,7 +298,7 @@ class CrowdEnv(ParallelEnv):
             if ended:
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
-        seen |= observations.of_walkers(world, self._walkers)
+        seen |= observations.observe_pedestrians(world, self._walkers)
         for name, p in self._walkers.items():
             goal, after = world.pedestrians.goal[p], world.pedestrians.position[p]
             # To the goal it has now: a new one, further away, is no loss.
@@ -361,13 +362,13 @@ class CrowdEnv(ParallelEnv):
     def _observe(self, r: int) -> tuple[dict[str, NDArray[np.float32]], float]:
         """A robot's observation, and its least true LiDAR distance [m]."""
         assert self._world is not None
-        seen, nearest = observations.of_robot(
+        seen, nearest = observations.observe_robot(
             self._world, self.scenario, r, self._beams, self._noise[r], self._origin[r]
         )
         self._scans[self._robots[r]] = seen["lidar"]
         return seen, nearest
 
-    def _judge(self, r: int, nearest: float) -> tuple[dict[str, float], str]:
+    def _reward_and_outcome(self, r: int, nearest: float) -> tuple[dict[str, float], str]:
         """Reward terms and outcome of a robot's step; a contact counts even on arrival."""
         world, weights = self._world, self.scenario.reward
         assert world is not None

@@ -101,7 +101,7 @@ def state(world: World) -> dict[str, NDArray[Any]]:
     }
 
 
-def of_robot(
+def observe_robot(
     world: World,
     scenario: Scenario,
     r: int,
@@ -168,7 +168,7 @@ def _proprioception(
     out[6] = (pose[2] - origin[2] + np.pi) % (2 * np.pi) - np.pi
 
 
-def of_walkers(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
     """Observations of the pedestrians that are agents, relative to each, in world axes."""
     if not walkers:
         return {}

@@ -39,7 +39,7 @@ class Pedestrians:
         speed: (P,) preferred speed, never exceeded [m/s].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
-        reactive: (P,) bool, sees the robot.
+        reactive: (P,) bool, sees the robots; the others are non-reactive.
         heading: (P,) direction of the last step walked [rad].
     """
 
@@ -222,7 +222,7 @@ def _walk(
     for p in range(count):
         dx, dy = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
         distance = np.hypot(dx, dy)
-        # Never overshoot, so that whoever stops on arrival stands still.
+        # Nobody overshoots: a pedestrian that stops on arrival then stands still.
         pace = min(speed[p], distance / step)
         preferred[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
         preferred[p, 1] = pace * dy / distance if distance > 0.0 else 0.0

@@ -136,7 +136,7 @@ class World:
         self._touchable[shape] = (kind, index)
 
     def _map_rows(self) -> None:
-        """Find which row of a batch belongs to whom, and size the input buffer."""
+        """Find the row of each body in a batch, and size the input buffer."""
         buffer = batch.Buffer()
         batch.get_space_bodies(self._space, batch.BodyFields.BODY_ID, buffer)
         ids = np.frombuffer(buffer.int_buf(), dtype=np.uintp).tolist()
