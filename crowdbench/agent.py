@@ -33,7 +33,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from crowdbench.scenario import Scenario, nearest
+from crowdbench.registry import nearest
+from crowdbench.scenario import Scenario
 
 ENTRY_POINT_GROUP = "crowdbench.agents"
 
