@@ -41,7 +41,8 @@ def cast_rays(
     Returns:
         The least distance, ``largest`` when nothing is hit [m].
     """
-    out[:] = largest
+    for i in range(len(out)):  # numpy's forms take numba longer to compile than all the rest
+        out[i] = largest
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     for p in range(len(pedestrians)):
         x, y = pedestrians[p, 0] - pose[0], pedestrians[p, 1] - pose[1]
@@ -57,7 +58,10 @@ def cast_rays(
         x1, y1 = cosine * x1 + sine * y1, cosine * y1 - sine * x1
         x2, y2 = cosine * x2 + sine * y2, cosine * y2 - sine * x2
         _segment(x1, y1, x2, y2, beams, out)
-    return float(out.min())
+    nearest = np.float64(largest)
+    for i in range(len(out)):
+        nearest = min(nearest, np.float64(out[i]))
+    return nearest
 
 
 @njit(cache=True)
@@ -84,7 +88,8 @@ def _circle(
     """Shorten the beams that meet a circle at (x, y) in the sensor frame."""
     squared = x * x + y * y
     if squared <= radius * radius:
-        out[:] = 0.0
+        for i in range(len(out)):
+            out[i] = 0.0
         return
     distance = np.sqrt(squared)
     if distance - radius >= largest:

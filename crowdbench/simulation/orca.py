@@ -117,7 +117,7 @@ def orca_velocities_with(
     projected = np.empty_like(lines)
     for p in range(people):
         x, y, vx, vy = position[p, 0], position[p, 1], velocity[p, 0], velocity[p, 1]
-        count = 0
+        count = np.int64(0)  # no literal: numba would compile everything below for it as well
         for s in range(len(walls)):
             if _wall_line(x, y, walls[s], radius, static_horizon, step, max_speed[p], lines[count]):
                 count += 1
@@ -153,7 +153,7 @@ def orca_velocities_with(
                 )
                 count += 1
         wx, wy = preferred[p, 0], preferred[p, 1]
-        failed, rx, ry = _nearest_velocity(lines, count, max_speed[p], wx, wy, False)
+        failed, rx, ry = _nearest_velocity(lines, count, max_speed[p], wx, wy, 0.0)
         if failed < count:
             rx, ry = _least_violation(lines, count, static, failed, max_speed[p], rx, ry, projected)
         out[p, 0], out[p, 1] = rx, ry
@@ -248,7 +248,7 @@ def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-unty
             low = max(low, t)
         if low > high:
             return False, 0.0, 0.0
-    if as_direction:
+    if as_direction > 0.0:
         t = high if wx * dx + wy * dy > 0.0 else low
     else:
         t = min(high, max(low, dx * (wx - px) + dy * (wy - py)))
@@ -259,11 +259,12 @@ def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-unty
 def _nearest_velocity(lines, count, max_speed, wx, wy, as_direction):  # type: ignore[no-untyped-def]
     """Permitted velocity nearest to (wx, wy), or farthest along it if that is a direction.
 
+    ``as_direction`` is 1.0 or 0.0: for a bool numba would compile this once for either value.
     Returns (i, x, y): i is the first line that cannot be satisfied together with those before it,
     ``count`` if there is none; (x, y) satisfies all lines before i.
     """
     speed = math.hypot(wx, wy)
-    if speed > max_speed or (as_direction and speed > 0.0):
+    if speed > max_speed or (as_direction > 0.0 and speed > 0.0):
         x, y = wx * max_speed / speed, wy * max_speed / speed
     else:
         x, y = wx, wy
@@ -289,9 +290,10 @@ def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  
         px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if dx * (py - y) - dy * (px - x) <= worst:
             continue
-        kept = 0
+        kept = np.int64(0)
         for j in range(static):
-            projected[kept] = lines[j]
+            for column in range(4):  # assigning the row compiles numpy's message about shapes too
+                projected[kept, column] = lines[j, column]
             kept += 1
         for j in range(static, i):
             qx, qy, ex, ey = lines[j, 0], lines[j, 1], lines[j, 2], lines[j, 3]
@@ -307,7 +309,7 @@ def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  
             norm = math.hypot(fx, fy)
             projected[kept, 2], projected[kept, 3] = fx / norm, fy / norm
             kept += 1
-        failed, nx, ny = _nearest_velocity(projected, kept, max_speed, -dy, dx, True)
+        failed, nx, ny = _nearest_velocity(projected, kept, max_speed, -dy, dx, 1.0)
         if failed == kept:
             x, y = nx, ny
         worst = dx * (py - y) - dy * (px - x)
