@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 TWO_PI = 2 * np.pi
 
@@ -14,7 +15,7 @@ def beam_table(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.cos(angles), np.sin(angles), angles])
 
 
-@njit(cache=True)
+@compiled()
 def cast_rays(
     pose: NDArray[np.float64],
     beams: NDArray[np.float64],
@@ -64,7 +65,7 @@ def cast_rays(
     return nearest
 
 
-@njit(cache=True)
+@compiled()
 def _visited(first: float, span: float, turn: int, beams: NDArray[np.float64]) -> tuple[int, int]:
     """Beams between the angles first and first + span, less ``turn`` circles: a half-open range.
 
@@ -76,7 +77,7 @@ def _visited(first: float, span: float, turn: int, beams: NDArray[np.float64]) -
     return lowest, min(len(beams), int(np.ceil((offset + span) / spacing)) + 1)
 
 
-@njit(cache=True)
+@compiled()
 def _circle(
     x: float,
     y: float,
@@ -104,7 +105,7 @@ def _circle(
                 out[i] = min(out[i], along - np.sqrt(inside))
 
 
-@njit(cache=True)
+@compiled()
 def _segment(
     x1: float,
     y1: float,

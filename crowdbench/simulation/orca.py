@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 AGENT_HORIZON = 2.0
 """Time for which a velocity must be free of collisions with people and robots [s]."""
@@ -31,7 +32,7 @@ _PARALLEL = 1e-9
 """Sine of the angle below which two lines count as parallel."""
 
 
-@numba.njit(cache=True)
+@compiled()
 def orca_velocities(
     position: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -91,7 +92,7 @@ def orca_velocities(
     )
 
 
-@numba.njit(cache=True)
+@compiled()
 def orca_velocities_with(
     agent_horizon: float,
     static_horizon: float,
@@ -159,7 +160,7 @@ def orca_velocities_with(
         out[p, 0], out[p, 1] = rx, ry
 
 
-@numba.njit(cache=True)
+@compiled()
 def _disc_line(dx, dy, vx, vy, ux, uy, reach, horizon, step, share, line):  # type: ignore[no-untyped-def]
     """Half-plane of a disc at (dx, dy) that moves with (ux, uy) (section 4 of the paper).
 
@@ -201,7 +202,7 @@ def _disc_line(dx, dy, vx, vy, ux, uy, reach, horizon, step, share, line):  # ty
     line[0], line[1] = vx + share * cx, vy + share * cy
 
 
-@numba.njit(cache=True)
+@compiled()
 def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ignore[no-untyped-def]
     """Half-plane of a wall (section 5.3: static obstacles, with optimisation velocity 0).
 
@@ -224,7 +225,7 @@ def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ign
     return True
 
 
-@numba.njit(cache=True)
+@compiled()
 def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-untyped-def]
     """Best permitted velocity on line i given lines 0..i-1: (feasible, x, y)."""
     px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
@@ -255,7 +256,7 @@ def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-unty
     return True, px + t * dx, py + t * dy
 
 
-@numba.njit(cache=True)
+@compiled()
 def _nearest_velocity(lines, count, max_speed, wx, wy, as_direction):  # type: ignore[no-untyped-def]
     """Permitted velocity nearest to (wx, wy), or farthest along it if that is a direction.
 
@@ -277,7 +278,7 @@ def _nearest_velocity(lines, count, max_speed, wx, wy, as_direction):  # type: i
     return count, x, y
 
 
-@numba.njit(cache=True)
+@compiled()
 def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  # type: ignore[no-untyped-def]
     """Velocity whose largest violation of a moving neighbour's half-plane is least.
 
