@@ -33,12 +33,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from crowdbench.scenario import Scenario, nearest
+from crowdbench.registry import nearest
+from crowdbench.scenario import Scenario
 
 ENTRY_POINT_GROUP = "crowdbench.agents"
 
 Action = tuple[float, float] | NDArray[np.floating]
-"""(v [m/s], w [rad/s])"""
+"""Two numbers; for a differential drive v [m/s], w [rad/s], for others see ``RobotSpec.drive``."""
 
 
 class AgentError(ValueError):
@@ -51,10 +52,13 @@ class RobotSpec:
 
     Attributes:
         name: the robot's name in the environment, e.g. ``robot_0``.
+        drive: what an action is: ``differential`` v [m/s], w [rad/s]; ``omnidirectional`` speeds
+            ahead and to the left [m/s]; or the name of another drive.
         length, width: footprint [m], centred on the pose, length along the heading.
         speed: lowest and highest forward speed [m/s].
-        turn_rate: lowest and highest turn rate [rad/s], left positive.
-        acceleration: limits on ``|dv/dt|`` [m/s^2] and ``|dw/dt|`` [rad/s^2], or None.
+        turn_rate: lowest and highest turn rate [rad/s], left positive; differential drive.
+        lateral_speed: lowest and highest speed to the left [m/s]; omnidirectional drive.
+        acceleration: limits on the change of either number of an action in a second, or None.
         control_period: time between two actions [s].
         goal_tolerance: distance at which the goal counts as reached [m].
         lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
@@ -62,10 +66,12 @@ class RobotSpec:
     """
 
     name: str
+    drive: str
     length: float
     width: float
     speed: tuple[float, float]
     turn_rate: tuple[float, float]
+    lateral_speed: tuple[float, float]
     acceleration: tuple[float, float] | None
     control_period: float
     goal_tolerance: float
@@ -78,10 +84,12 @@ class RobotSpec:
         robots = scenario.robots
         return cls(
             name=name,
+            drive=robots.drive,
             length=robots.length,
             width=robots.width,
             speed=robots.speed,
             turn_rate=robots.turn_rate,
+            lateral_speed=robots.lateral_speed,
             acceleration=robots.acceleration,
             control_period=scenario.control_period,
             goal_tolerance=robots.goal_tolerance,
@@ -119,7 +127,7 @@ class Observation:
 
     Attributes:
         lidar: (beams,) float32 distances from the robot's centre [m].
-        velocity: (2,) float32 current v [m/s] and w [rad/s].
+        velocity: (2,) float32 what the drive does now, in the terms of an action.
         goal: (2,) float32 goal in the robot frame, x ahead, y left [m].
         pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero.
         state: everything about the world (``CrowdEnv.state()``); None unless the agent is
@@ -139,6 +147,9 @@ class Agent(ABC):
     privileged: ClassVar[bool] = False
     """If true, ``observation.state`` is filled in: for ceilings and tests, never for comparison."""
 
+    drives: ClassVar[tuple[str, ...] | None] = ("differential",)
+    """Names of the drives that it can act for, see ``RobotSpec.drive``; None for all."""
+
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""
 
@@ -151,7 +162,10 @@ class Agent(ABC):
 
     @abstractmethod
     def act(self, observation: Observation) -> Action:
-        """Return (v [m/s], w [rad/s]) for the next control period; out-of-range is clipped."""
+        """Return the action for the next control period; what is out of range is clipped.
+
+        For a differential drive this is (v [m/s], w [rad/s]).
+        """
 
     def diagnostics(self) -> dict[str, float]:
         """Counters of the episode that just ended (e.g. failed solves), stored with its log."""
@@ -229,6 +243,24 @@ class AgentSpec:
             return factory(**self.options)
         except (Exception, SystemExit) as error:
             raise AgentError(f"agent {str(self)!r}: {describe_error(error)}") from error
+
+
+def require_drive(drives: tuple[str, ...] | None, label: str, scenario: Scenario) -> None:
+    """Make sure that an agent can act for the robots of a scenario.
+
+    Args:
+        drives: as the agent declares them.
+        label: its name.
+        scenario: where it is to drive.
+
+    Raises:
+        AgentError: it declares other drives.
+    """
+    if drives is not None and scenario.robots.drive not in drives:
+        raise AgentError(
+            f"agent {label!r} drives {' or '.join(drives)} robots only, and those of scenario "
+            f"{scenario.name!r} are {scenario.robots.drive} (robots.drive)"
+        )
 
 
 def describe_error(error: BaseException) -> str:

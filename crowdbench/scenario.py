@@ -7,7 +7,6 @@ values out of range are refused with an error that names the file, the field and
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 from collections.abc import Mapping
@@ -17,6 +16,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from crowdbench.extensions import DRIVES, WALKING_MODELS
+from crowdbench.registry import Registry, nearest
 
 Signed = Annotated[float, Field(ge=-20, le=20)]
 Size = Annotated[float, Field(gt=0, le=20)]
@@ -60,6 +62,11 @@ class _Section(BaseModel):
         return self
 
 
+def _require_known(field: str, name: str, registry: Registry[Any]) -> None:
+    if name not in registry:
+        raise ValueError(f"{field}: {registry.unknown(name)}")
+
+
 class Arena(_Section):
     """Where the scene takes place; the origin is its centre, a corridor runs along x."""
 
@@ -71,20 +78,31 @@ class Arena(_Section):
 
 
 class Robots(_Section):
-    """The robots: differential drive, rectangular footprint."""
+    """The robots: how they drive, and their rectangular footprint."""
 
     count: int = Field(1, ge=1, le=32, description="how many")
+    drive: str = later(
+        "differential", "0.2", description="what an action means: the name of a drive"
+    )
     length: Positive = Field(0.4, le=5, description="footprint along the heading [m]")
     width: Positive = Field(0.3, le=5, description="footprint across the heading [m]")
-    speed: tuple[Signed, Signed] = Field((0.0, 1.0), description="forward speed v [m/s]")
+    speed: tuple[Signed, Signed] = Field((0.0, 1.0), description="forward speed [m/s]")
     turn_rate: tuple[Signed, Signed] = Field(
-        (-1.5, 1.5), description="turn rate w [rad/s], left positive"
+        (-1.5, 1.5), description="turn rate [rad/s], left positive; differential drive"
+    )
+    lateral_speed: tuple[Signed, Signed] = later(
+        (-1.0, 1.0), "0.2", description="sideways speed [m/s], left positive; omnidirectional drive"
     )
     acceleration: tuple[Positive, Positive] | None = Field(
-        None, description="limits on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2]; none by default"
+        None, description="limits on the change of either number of an action in a second"
     )
     travel: Positive = Field(8.0, le=200, description="straight distance from start to goal [m]")
     goal_tolerance: Positive = Field(0.3, le=5, description="arrival distance [m]")
+
+    @model_validator(mode="after")
+    def _drive_is_known(self) -> Robots:
+        _require_known("drive", self.drive, DRIVES)
+        return self
 
 
 class Lidar(_Section):
@@ -105,20 +123,18 @@ class Obstacles(_Section):
 
 
 class Pedestrians(_Section):
-    """The people: how many, how they walk, what they want and whom they see."""
+    """The people: how many, how they walk, where to, and how many of them are reactive."""
 
     count: int = Field(8, ge=0, le=500, description="how many")
     radius: Positive = Field(0.25, le=2, description="of everybody [m]")
     speed: tuple[Speed, Speed] = Field(
         (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
     )
-    model: Literal["orca", "social_force", "straight"] = Field(
-        "orca", description="how they avoid others; straight: not at all"
-    )
+    model: str = Field("orca", description="how they avoid others: the name of a walking model")
     control: Literal["scripted", "agents"] = Field(
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
     )
-    reactive: Share = Field(1.0, description="share of the people who see the robot")
+    reactive: Share = Field(1.0, description="share of the pedestrians that see the robot")
     field_of_view: Positive = Field(
         220.0, le=360, description="within which a reactive pedestrian sees the robot [deg]"
     )
@@ -140,6 +156,11 @@ class Pedestrians(_Section):
     spawn_clearance: NonNegative = Field(
         1.0, description="least gap between a pedestrian and a robot's start, surfaces [m]"
     )
+
+    @model_validator(mode="after")
+    def _model_is_known(self) -> Pedestrians:
+        _require_known("model", self.model, WALKING_MODELS)
+        return self
 
 
 class Reward(_Section):
@@ -269,12 +290,6 @@ def parse_overrides(items: list[str]) -> dict[str, Any]:
         except yaml.YAMLError as error:
             raise ScenarioError(f"--set {item!r}: {text!r} is not a YAML value") from error
     return changes
-
-
-def nearest(word: str, known: list[str]) -> str:
-    """Say what may have been meant: ``"; did you mean 'x'?"`` or the list of known words."""
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
 
 
 def _folder() -> Any:

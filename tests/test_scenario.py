@@ -78,7 +78,10 @@ def test_a_missing_file_is_named():
         ("extends: 3", "extends: expected the name of a scenario, got 3"),
         ("extends: opn_x", "unknown scenario 'opn_x'"),
         ("pedestrians: 7", "pedestrians: Input should be a valid dictionary"),
-        ("pedestrians: {model: orcas}", "'orca', 'social_force' or 'straight' (got 'orcas')"),
+        ("pedestrians: {model: 7}", "pedestrians.model: Input should be a valid string (got 7)"),
+        ("pedestrians: {model: orcas}", "unknown walking model 'orcas'; did you mean 'orca'?"),
+        ("pedestrians: {model: walk}", "model 'walk'; known: orca, social_force, straight"),
+        ("robots: {drive: hover}", "robots.drive: unknown drive 'hover'; known: differential, "),
     ],
 )
 def test_a_file_that_is_wrong_is_refused_with_the_reason(written, text, told):

@@ -28,7 +28,7 @@ class Layout:
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
-        pedestrian_reactive: (P,) who sees the robots.
+        pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
     """
 
     robot_pose: NDArray[np.float64]
