@@ -7,15 +7,30 @@ field and what is allowed.
 """
 
 from crowdbench.messages import nearest
+from crowdbench.scenario.digest import later
 from crowdbench.scenario.errors import NoRoomError, ScenarioError
 from crowdbench.scenario.files import load_scenario, parse_overrides, scenario_names
-from crowdbench.scenario.model import Reward, Scenario
+from crowdbench.scenario.model import (
+    Arena,
+    Lidar,
+    Obstacles,
+    Pedestrians,
+    Reward,
+    Robots,
+    Scenario,
+)
 
 __all__ = [
+    "Arena",
+    "Lidar",
     "NoRoomError",
+    "Obstacles",
+    "Pedestrians",
     "Reward",
+    "Robots",
     "Scenario",
     "ScenarioError",
+    "later",
     "load_scenario",
     "nearest",
     "parse_overrides",

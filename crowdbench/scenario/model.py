@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -21,6 +19,7 @@ from pydantic_core import PydanticCustomError
 from crowdbench.messages import Form, explain, short
 from crowdbench.scenario import room
 from crowdbench.scenario.changes import assign, flatten
+from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
 
 MAX_STEPS = 100_000
@@ -197,9 +196,9 @@ class Scenario(_Section):
         """12 hex digits that change whenever anything about the world changes.
 
         Name, description and reward weights are left out: they do not change what happens.
+        ``later`` fields count only where they differ from their defaults.
         """
-        world = self.model_dump(exclude={"name", "description", "reward"})
-        return hashlib.sha256(json.dumps(world, sort_keys=True).encode()).hexdigest()[:12]
+        return digest(self, plain=type(self)(name=self.name))
 
     def override(self, changes: Mapping[str, Any]) -> Scenario:
         """Return a copy with some fields replaced, e.g. ``{"pedestrians.count": 12}``.
