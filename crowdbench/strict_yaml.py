@@ -27,7 +27,8 @@ MAX_SIZE = 1_000_000
 _CORE = ("null", "bool", "int", "float", "str", "seq", "map")
 _PLAIN = frozenset(f"tag:yaml.org,2002:{kind}" for kind in _CORE)
 _FLOAT = "tag:yaml.org,2002:float"
-_EXPONENT = re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+_FLOATS = re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$|^[-+]\.[0-9]+$")
+"""Numbers of YAML 1.2 that PyYAML takes for text: ``1e-3``, ``-.5``."""
 
 
 class YamlError(ValueError):
@@ -172,4 +173,4 @@ _Loader.yaml_implicit_resolvers = {
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
 for _class in (_Loader, _Dumper):
-    _class.add_implicit_resolver(_FLOAT, _EXPONENT, list("-+.0123456789"))
+    _class.add_implicit_resolver(_FLOAT, _FLOATS, list("-+.0123456789"))
