@@ -14,8 +14,8 @@ import math
 
 import numba
 import numpy as np
-from crowdbench_agents.clusters import Tracker
-from crowdbench_agents.footprint import advance, point_gap
+from crowdbench_agents.geometry.clusters import Tracker
+from crowdbench_agents.geometry.footprint import advance, point_gap
 
 import crowdbench
 
