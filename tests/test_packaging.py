@@ -17,6 +17,7 @@ FOLDERS = {
     "crowdbench": "crowdbench",
     "agents": "crowdbench_agents",
     "scenarios": "crowdbench_scenarios",
+    "studies": "crowdbench_studies",
 }
 MAKE_AGENTS = """
 import json
