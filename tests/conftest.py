@@ -11,3 +11,5 @@ os.environ["SDL_VIDEODRIVER"] = "dummy"
 # A job in the background of a shell ignores Ctrl-C, and what it starts inherits that; some tests
 # send it to programs that they have started.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+pytest_plugins = ["stored_episodes"]

@@ -18,7 +18,7 @@ def report(
     ] = None,
 ) -> None:
     """Write a page with leaderboards, tables, figures and replays; it needs no server."""
-    from crowdbench.reporting.website import write_report_page
+    from crowdbench.site.website import write_report_page
 
     site = write_report_page(results, output or results / "report")
     out().print(

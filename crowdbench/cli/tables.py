@@ -12,7 +12,7 @@ import typer
 from crowdbench.cli.common import RESULTS, ResultsOption, err, out
 
 if TYPE_CHECKING:
-    from crowdbench.reporting.execution import Forecast
+    from crowdbench.study.execution import Forecast
 
 _BETWEEN_LINES = 60.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -31,8 +31,8 @@ def tables(
 
     They are made from the stored episodes, as is the README.md beside them.
     """
-    from crowdbench.reporting.formats import terminal
-    from crowdbench.reporting.report import write_report
+    from crowdbench.study.formats import terminal
+    from crowdbench.study.report import write_report
 
     complete = not run or _run(results, jobs or _cores())
     begun = time.perf_counter()
@@ -55,9 +55,9 @@ def tables(
 def _run(folder: Path, jobs: int) -> bool:
     """Run what is missing; False if some agent could not be made."""
     from crowdbench.evaluation.appending import require_writable
-    from crowdbench.reporting.execution import look, run_missing
-    from crowdbench.reporting.plan import cells
-    from crowdbench.reporting.readme import duration
+    from crowdbench.study.execution import look, run_missing
+    from crowdbench.study.plan import cells
+    from crowdbench.study.readme import duration
 
     require_writable(folder)
     console = err()
@@ -120,7 +120,7 @@ class _Display:
 
     def update(self, done: int, total: int, forecast: Forecast) -> None:
         """Show how far the run has come."""
-        from crowdbench.reporting.readme import duration
+        from crowdbench.study.readme import duration
 
         left = f"about {duration(forecast.seconds_left())} left"
         if forecast.unknown:
