@@ -254,14 +254,18 @@ def _read_rows(path: Path) -> pd.DataFrame:
         text = gzip.decompress(path.read_bytes())
         names = text.partition(b"\n")[0].decode().split(",")
         words = dict.fromkeys((*_IDENTITY, *_FACTS), str)
-        numbers = {name: ["", "nan"] for name in names if name not in words}
+        numbers = {name: float for name in names if name not in words} | {"seed": int, "steps": int}
         rows = pd.read_csv(
-            io.BytesIO(text), dtype=words, keep_default_na=False, na_values=numbers, **exact
+            io.BytesIO(text),
+            dtype=words | numbers,
+            keep_default_na=False,
+            na_values={key: ["", "nan"] for key in numbers},
+            **exact,
         )
         missing = [name for name in (*_FIRST, *_LAST) if name not in rows]
         if missing or rows.empty:
             raise ValueError(f"without {', '.join(missing) or 'rows'}")
-        return rows.astype(dict.fromkeys(numbers, float) | {"seed": int, "steps": int})
+        return rows
     except _DAMAGE as error:
         raise ResultsError(f"{path}: not rows of the record ({error})") from error
 
