@@ -46,6 +46,7 @@ _IDENTITY = tuple(field.name for field in fields(Cell))
 _FACTS = ("robot", "outcome", "error", "diagnostics", "machine", *VERSIONS, "timestamp")
 _FIRST = (*_IDENTITY, "seed", "robot", "outcome")
 _LAST = ("steps", "error", "diagnostics", "machine", *VERSIONS, "timestamp")
+_ARRAYS = ("seeds", "robots", "lengths", "commands", "inference")
 _DAMAGE = (OSError, EOFError, ValueError, KeyError, zlib.error, zipfile.BadZipFile)
 
 
@@ -70,32 +71,39 @@ class Commands:
         Raises:
             ValueError, KeyError: arrays that do not belong together.
         """
+        self._where: dict[int, dict[str, slice]] = {}
         if arrays is None:
-            self._where: dict[int, list[tuple[str, int, int]]] = {}
             return
         self._commands = np.asarray(arrays["commands"], dtype=np.float64)
-        seeds, robots, lengths = (arrays[name] for name in ("seeds", "robots", "lengths"))
-        ends = np.cumsum(np.asarray(lengths, dtype=np.int64))
-        total = int(ends[-1]) if len(ends) else 0
-        if not len(seeds) == len(robots) == len(ends) or self._commands.shape != (total, 2):
-            raise ValueError("seeds, robots, lengths and commands do not fit each other")
-        if not np.isfinite(self._commands).all() or (np.diff(ends, prepend=0) < 0).any():
-            raise ValueError("commands that are no numbers, or of negative length")
-        self._where = {}
+        self._inference = np.asarray(arrays["inference"], dtype=np.float64)
+        seeds, robots = arrays["seeds"], arrays["robots"]
+        lengths = np.asarray(arrays["lengths"], dtype=np.int64)
+        if not len(seeds) == len(robots) == len(lengths) or (lengths < 0).any():
+            raise ValueError("seeds, robots and lengths do not fit each other")
+        total = int(lengths.sum())
+        if self._commands.shape != (total, 2) or self._inference.shape != (total,):
+            raise ValueError("commands and times are not as many as the lengths say")
+        if not np.isfinite(self._commands).all():
+            raise ValueError("commands that are no finite numbers")
+        ends = np.cumsum(lengths)
         for seed, robot, end, length in zip(seeds, robots, ends, lengths, strict=True):
-            place = (str(robot), int(end - length), int(end))
-            self._where.setdefault(int(seed), []).append(place)
+            place = slice(int(end - length), int(end))
+            self._where.setdefault(int(seed), {})[str(robot)] = place
 
     @property
     def seeds(self) -> set[int]:
         """Episodes whose commands there are."""
         return set(self._where)
 
-    def of(self, seed: int) -> dict[str, NDArray[np.float64]] | None:
-        """For each robot (T, 2) as in ``Episode.commands``; None if they were not kept."""
-        if seed not in self._where:
-            return None
-        return {robot: self._commands[start:end] for robot, start, end in self._where[seed]}
+    def of(self, seed: int) -> dict[str, NDArray[np.float64]]:
+        """For each robot (T, 2) as in ``Episode.commands``; nothing if they were not kept."""
+        places = self._where.get(seed, {})
+        return {robot: self._commands[place] for robot, place in places.items()}
+
+    def times(self, seed: int) -> dict[str, NDArray[np.float64]]:
+        """For each robot (T,) seconds spent in ``act``, NaN where that was not noted."""
+        places = self._where.get(seed, {})
+        return {robot: self._inference[place] for robot, place in places.items()}
 
 
 def record_folder() -> Path:
@@ -167,8 +175,7 @@ def record_commands(
     Raises:
         ResultsError: a file that is damaged; the message names it.
     """
-    found = load_commands(cell, folder).of(seed)
-    return None if found is None else list(found.values())
+    return list(load_commands(cell, folder).of(seed).values()) or None
 
 
 def write_cell(
@@ -278,7 +285,7 @@ def _read_arrays(path: Path, cell: Cell) -> dict[str, NDArray[np.generic]] | Non
         with np.load(path, allow_pickle=False) as file:
             if json.loads(str(file["identity"])) != list(cell.identity):
                 return None
-            arrays = {name: file[name] for name in ("seeds", "robots", "lengths", "commands")}
+            arrays = {name: file[name] for name in _ARRAYS}
         Commands(arrays)
     except _DAMAGE as error:
         raise ResultsError(f"{path}: not commands of the record ({error})") from error

@@ -101,6 +101,16 @@ def test_commands_come_back_to_the_last_bit(tmp_path):
         np.testing.assert_array_equal(np.concatenate(found), np.concatenate(expected))
 
 
+def test_times_are_kept_as_far_as_they_are_known(tmp_path):
+    rows = rows_of(seeds=(3, 200))
+    times = {(3, "robot_0"): np.array([0.5, 0.25, 0.125])}
+    write_cell(tmp_path, CELL, rows, commands_of(rows), times)
+    found = load_commands(CELL, tmp_path)
+    np.testing.assert_array_equal(found.times(3)["robot_0"], [0.5, 0.25, 0.125])
+    assert np.isnan(found.times(200)["robot_0"]).tolist() == [True] * 3
+    assert found.times(4) == found.of(4) == {}
+
+
 def test_what_is_installed_holds_all_rows_and_the_commands_of_the_first_seeds(written):
     (written / "rest").rename(written / "away")
     assert list(load_record(folder=written)["seed"]) == list(SEEDS)
