@@ -35,6 +35,17 @@ class ScenarioError(ValueError):
     """A scenario that cannot be used; the message names the file or field and what is allowed."""
 
 
+def later(default: Any, since: str, **declared: Any) -> Any:
+    """Declare a field that 0.1.0 did not have; at its default it leaves every digest unchanged.
+
+    Args:
+        default: how the world was before; it can never be another one afterwards.
+        since: the version that brought the field, e.g. ``"0.2"``.
+        declared: as for ``pydantic.Field``.
+    """
+    return Field(default, json_schema_extra={"since": since}, **declared)
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False
@@ -185,8 +196,11 @@ class Scenario(_Section):
         """12 hex digits that change whenever anything about the world changes.
 
         Name, description and reward weights are left out: they do not change what happens.
+        ``later`` fields count only where they differ from their defaults.
         """
-        world = self.model_dump(exclude={"name", "description", "reward"})
+        plain = type(self)(name=self.name)
+        aside = dict.fromkeys(("name", "description", "reward"), True)
+        world = self.model_dump(exclude=_unchanged(self, plain) | aside)
         return hashlib.sha256(json.dumps(world, sort_keys=True).encode()).hexdigest()[:12]
 
     def override(self, changes: Mapping[str, Any]) -> Scenario:
@@ -199,6 +213,19 @@ class Scenario(_Section):
         for key, value in _flatten(changes).items():
             _assign(document, key, value)
         return _validate(document, source=self.name)
+
+
+def _unchanged(section: BaseModel, plain: BaseModel) -> dict[str, Any]:
+    """The ``later`` fields that have their defaults, as ``model_dump`` excludes them."""
+    found: dict[str, Any] = {}
+    for name, field in type(section).model_fields.items():
+        value, default = getattr(section, name), getattr(plain, name)
+        extra = field.json_schema_extra
+        if isinstance(extra, dict) and "since" in extra and value == default:
+            found[name] = True
+        elif isinstance(value, BaseModel) and (within := _unchanged(value, default)):
+            found[name] = within
+    return found
 
 
 def scenario_names() -> list[str]:

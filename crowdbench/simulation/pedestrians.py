@@ -237,7 +237,8 @@ def _walk(
             off = (bearing - heading[p] + np.pi) % (2 * np.pi) - np.pi
             seen[p, r] = abs(off) <= half_view
     if model == 0:
-        out[:] = preferred
+        for p in range(count):
+            out[p, 0], out[p, 1] = preferred[p, 0], preferred[p, 1]
     elif model == 1:
         orca_velocities(
             position, velocity, preferred, speed, radius, seen, robot_position, moving,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Reward
 
 WALKING = 0.1
@@ -30,7 +30,7 @@ def collision_term(weights: Reward, collided: bool, nearest: float) -> float:
     return weights.proximity * max(0.0, 1.0 - nearest / weights.proximity_range)
 
 
-@njit(cache=True)
+@compiled()
 def social_term(
     pose: NDArray[np.float64],
     speed: float,
@@ -77,7 +77,7 @@ def social_term(
     return yielded if cut == 0.0 else -cut
 
 
-@njit(cache=True)
+@compiled()
 def _cut_in(
     ahead: float, left: float, forward: float, across: float, radius: float, horizon: float
 ) -> float:
