@@ -18,6 +18,7 @@ FOLDERS = {
     "agents": "crowdbench_agents",
     "scenarios": "crowdbench_scenarios",
     "results": "crowdbench_results",
+    "studies": "crowdbench_studies",
 }
 INSTALLED_RESULTS = ("__init__.py", "record/rows/", "record/actions/")
 """What a wheel has of results/: no tables, figures or the commands of seeds from 100 on."""

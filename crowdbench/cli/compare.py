@@ -25,7 +25,7 @@ def compare(
     ] = None,
     metric: Annotated[
         list[str] | None,
-        typer.Option("--metric", "-m", help="By default the paper's; may be repeated."),
+        typer.Option("--metric", "-m", help="By default the main ones; may be repeated."),
     ] = None,
     results: ResultsOption = RESULTS,
 ) -> None:
