@@ -127,7 +127,8 @@ def _point_out(points: Array, mu: Array, G: Array, h: Array) -> None:  # pragma:
             if offset > depth:
                 nearest, depth = i, offset
         if depth <= 0.0:
-            mu[k, :] = 0.0
+            for i in range(len(h)):
+                mu[k, i] = 0.0
             mu[k, nearest] = 1.0
 
 

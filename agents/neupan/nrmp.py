@@ -237,16 +237,21 @@ def _write_cost(
 ) -> None:  # fmt: skip  # pragma: no cover - compiled
     T, M = distances.shape
     gamma = sensitivity(states, controls, period)
-    flat = controls.copy().reshape(-1)
-    H[:] = 0.0
-    f[:] = 0.0
-    A[:] = 0.0
+    for i in range(len(f)):
+        f[i] = 0.0
+        for j in range(len(f)):
+            H[i, j] = 0.0
+    for i in range(len(A)):
+        for j in range(len(f)):
+            A[i, j] = 0.0
     base = np.empty(3)  # the state that zero controls would lead to
     for t in range(T):
         known = 2 * t + 2  # controls that the state depends on
         for k in range(3):
             row = gamma[t, k]
-            base[k] = states[t + 1, k] - np.dot(row, flat)
+            base[k] = states[t + 1, k]
+            for i in range(known):
+                base[k] -= row[i] * controls[i // 2, i % 2]
             q = w.q_heading if k == 2 else w.q_position
             off = states[t + 1, k] - reference[t, k]
             target = states[t + 1, k] - (wrap(off) if k == 2 else off)
