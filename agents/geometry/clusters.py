@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 import crowdbench
+from crowdbench.compiled import compiled
 
 BREAK, SLANT = 0.15, 2.0
 """Points of neighbouring beams farther apart than this [m], and farther than ``SLANT`` times their
@@ -100,7 +100,7 @@ class Tracker:
         return np.where((np.abs(gaps) < OF_DISC).any(axis=1), self._range, lidar)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _clusters(lidar, pose, beam_cos, beam_sin, reach, step, circle):
     """Discs (N, 4): x, y, radius, whether fitted; segments (S, 4) of the long clusters."""
     beams = len(lidar)
@@ -149,7 +149,7 @@ def _clusters(lidar, pose, beam_cos, beam_sin, reach, step, circle):
     return _without_crumbs(discs[:n_discs]), segments[:n_segments]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _without_crumbs(discs):
     """The discs without those guessed from points on the rim of a fitted one.
 
@@ -164,7 +164,7 @@ def _without_crumbs(discs):
     return discs[kept]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _is_chain(points, count):
     """Whether points in order are too many or too straight for a disc."""
     ex, ey = points[count - 1, 0] - points[0, 0], points[count - 1, 1] - points[0, 1]
@@ -180,7 +180,7 @@ def _is_chain(points, count):
     return True
 
 
-@numba.njit(cache=True)
+@compiled()
 def _disc(points, count, pose, disc):
     """Write (x, y, radius, fitted) of the circle through points (algebraic fit, Kasa 1976)."""
     mx, my = 0.0, 0.0
@@ -212,7 +212,7 @@ def _disc(points, count, pose, disc):
     disc[0], disc[1], disc[2], disc[3] = mx, my, max(0.05, 0.5 * width), 0.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _track(tracks, found, period):
     """Move the tracks on, correct them by what was found, forget the old and begin the new."""
     kept = np.empty((len(tracks) + len(found), 7))

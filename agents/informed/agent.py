@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
 from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, search
 
 import crowdbench
 from crowdbench import orca_velocities
+from crowdbench.compiled import compiled
 
 ARRIVAL = 0.3
 """A pedestrian this near to its goal takes a new one [m]."""
@@ -114,7 +114,7 @@ class Informed(crowdbench.Agent):
         )
 
 
-@numba.njit(cache=True)
+@compiled()
 def _predict(
     period,
     time,

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from crowdbench_agents.geometry.footprint import advance, point_gap, wall_gap
 from crowdbench_agents.informed.distance_field import look_up
+
+from crowdbench.compiled import compiled
 
 PERIODS = np.array([1, 1, 2, 2, 2, 3, 3, 3, 3, 4])
 """Control periods for which each arc of a plan is driven: fine now, coarse later."""
@@ -56,7 +57,7 @@ def arcs(speed, turn_rate):
     )
 
 
-@numba.njit(cache=True)
+@compiled()
 def search(
     pose,
     velocity,
@@ -169,14 +170,14 @@ def search(
     return _trace(best_end, best_level, history, kept, plan), best
 
 
-@numba.njit(cache=True)
+@compiled()
 def _copy(source, target):
     """Element by element: numba compiles numpy's message about shapes for an assigned row."""
     for i in range(len(source)):
         target[i] = source[i]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _cheapest(score, count):
     """The first of the lowest among ``count`` scores."""
     best = 0
@@ -186,7 +187,7 @@ def _cheapest(score, count):
     return best
 
 
-@numba.njit(cache=True)
+@compiled()
 def _trace(node, level, history, kept, plan):
     """Write the plan that led to a node of a level, period by period; returns its length."""
     length = 0
@@ -209,7 +210,7 @@ def _trace(node, level, history, kept, plan):
     return length
 
 
-@numba.njit(cache=True)
+@compiled()
 def _time_left(node, goal, tolerance, top, turn, origin, lengths):
     """Least time from a pose to the goal [s], and a little for facing elsewhere."""
     dx, dy = goal[0] - node[0], goal[1] - node[1]
@@ -218,7 +219,7 @@ def _time_left(node, goal, tolerance, top, turn, origin, lengths):
     return max(0.0, left) / top + 0.5 * abs(off) / turn
 
 
-@numba.njit(cache=True)
+@compiled()
 def _drive(node, v, w, row, ticks, scene, end):
     """Follow an arc for ``ticks`` from a node at ``row`` of the future; writes where it ends."""
     goal, tolerance, half_length, half_width, tick, future, spread, obstacles, walls = scene
@@ -251,14 +252,14 @@ def _drive(node, v, w, row, ticks, scene, end):
     return status
 
 
-@numba.njit(cache=True)
+@compiled()
 def _within(v, w, now_v, now_w, reach):
     """The nearest command that the acceleration limits permit."""
     v = min(now_v + reach[0], max(now_v - reach[0], v))
     return v, min(now_w + reach[1], max(now_w - reach[1], w))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obstacles, walls):
     """Cost per second of being here [s/s]; inf for a contact."""
     total = 0.0
@@ -298,7 +299,7 @@ def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obst
     return total
 
 
-@numba.njit(cache=True)
+@compiled()
 def _select(children, score, count, beam):
     """Keep the best children, at most one per cell of position and heading."""
     order = np.argsort(score[:count])

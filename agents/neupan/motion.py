@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from crowdbench_agents.neupan.dune import Array
-from numba import njit
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 GROUP_GAP = 0.2  # neighbouring points farther apart than this belong to two things [m]
 BODY_RADIUS, BODY_SPREAD = 0.25, 0.1  # what a body's radius is expected to be, and how surely [m]
@@ -108,7 +109,7 @@ class Tracker:
         return velocity
 
 
-@njit(cache=True)
+@compiled()
 def _groups(
     ranges: Array,
     beams: Array,
@@ -137,7 +138,7 @@ def _groups(
     return group
 
 
-@njit(cache=True)
+@compiled()
 def _near(
     ranges: Array, beams: Array, i: int, j: int, spacing: float, gap: float
 ) -> bool:  # pragma: no cover - compiled
@@ -146,7 +147,7 @@ def _near(
     return np.hypot(dx, dy) < gap + spacing * min(ranges[i], ranges[j])
 
 
-@njit(cache=True)
+@compiled()
 def _bodies(
     points: Array, group: NDArray[np.int64]
 ) -> tuple[Array, NDArray[np.bool_]]:  # pragma: no cover - compiled
@@ -179,7 +180,7 @@ def _bodies(
     return circles[:found], standing
 
 
-@njit(cache=True)
+@compiled()
 def _fit_circle(
     points: Array, n: int
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled

@@ -25,7 +25,8 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 from crowdbench_agents.neupan.dune import Array
-from numba import njit
+
+from crowdbench.compiled import compiled
 
 SOFT = 8  # daqp's mark of a constraint whose violation costs rho/2 times its square
 CURVATURE = 1e-2
@@ -178,13 +179,13 @@ class Nrmp:
         return flag
 
 
-@njit(cache=True)
+@compiled()
 def wrap(angle: float) -> float:  # pragma: no cover - compiled
     """The same angle between -pi and pi [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-@njit(cache=True)
+@compiled()
 def rollout(controls: Array, period: float) -> Array:  # pragma: no cover - compiled
     """(T + 1, 3) states reached from the origin, each of the (T, 2) controls held for a period.
 
@@ -202,7 +203,7 @@ def rollout(controls: Array, period: float) -> Array:  # pragma: no cover - comp
     return states
 
 
-@njit(cache=True)
+@compiled()
 def sensitivity(
     states: Array, controls: Array, period: float
 ) -> Array:  # pragma: no cover - compiled
@@ -229,7 +230,7 @@ def sensitivity(
     return gamma
 
 
-@njit(cache=True)
+@compiled()
 def _write_cost(
     H: Array, f: Array, A: Array, b: Array,
     states: Array, controls: Array, reference: Array, v_ref: Array,

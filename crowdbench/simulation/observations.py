@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
@@ -154,7 +154,7 @@ def observe_robot(
     return seen, nearest
 
 
-@njit(cache=True)
+@compiled()
 def _proprioception(
     pose: NDArray[np.float64],
     velocity: NDArray[np.float64],

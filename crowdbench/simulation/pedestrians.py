@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
 from crowdbench.simulation.contact import INTENTS
@@ -194,7 +194,7 @@ class Pedestrians:
         return places[np.argmax(far) if far.any() else np.argmax(distance)]
 
 
-@njit(cache=True)
+@compiled()
 def _due(
     time: float,
     position: NDArray[np.float64],
@@ -216,7 +216,7 @@ def _due(
     return found
 
 
-@njit(cache=True)
+@compiled()
 def _look(
     position: NDArray[np.float64],
     velocity: NDArray[np.float64],

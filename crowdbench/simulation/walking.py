@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.extensions import WALKING_MODELS
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import Scenario, ScenarioError
@@ -184,7 +184,7 @@ def checked_velocities(scenario: Scenario, velocities: NDArray[np.float64]) -> N
     return array
 
 
-@njit(cache=True)
+@compiled()
 def _preferred_velocity(
     position: NDArray[np.float64],
     goal: NDArray[np.float64],
