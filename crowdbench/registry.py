@@ -6,10 +6,11 @@ come first, in their order, then those of other packages by name.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
+
+from crowdbench.messages import nearest, short
 
 T = TypeVar("T")
 
@@ -83,7 +84,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def unknown(self, name: str) -> str:
         """What to say of a name that nothing has: the nearest, or all there are."""
-        return f"unknown {self._kind} {name!r}{nearest(name, list(self))}"
+        return f"unknown {self._kind} {short(name)}{nearest(name, list(self))}"
 
     def _others(self) -> dict[str, EntryPoint]:
         if self._points is None:
@@ -97,9 +98,3 @@ class Registry(Mapping[str, T], Generic[T]):
             kind = f"{self._of.__module__}.{self._of.__qualname__}"
             raise UnknownNameError(f"{self._kind} {name!r}: {value!r} is not a {kind}")
         return value
-
-
-def nearest(word: str, known: list[str]) -> str:
-    """Say what may have been meant: ``"; did you mean 'x'?"`` or the list of known words."""
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"

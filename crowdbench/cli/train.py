@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.common import SetOption, UserError, out
-from crowdbench.registry import nearest
+from crowdbench.messages import nearest
 from crowdbench.scenario import parse_overrides
 
 ENTRY_POINT_GROUP = "crowdbench.trainers"

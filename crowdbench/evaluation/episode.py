@@ -23,7 +23,7 @@ class Episode:
 
     Attributes:
         scenario: name of the scenario.
-        agent: the agent with its options, e.g. ``orca:horizon=2``.
+        agent: the agent with its options, e.g. ``NAME:horizon=2``.
         seed: episode seed.
         robot: name of the robot in the environment.
         control_period: time between two actions [s].

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from crowdbench_studies.paper.plan import STORY
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,7 +18,6 @@ from crowdbench.evaluation.trajectories import load_episode, trajectory_index
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation.canvas import View
 from crowdbench.simulation.env import CrowdEnv
-from crowdbench.study.plan import STORY
 from crowdbench.study.style import WIDTH
 
 ROBOT, PERSON, OBSTACLE = "#D55E00", "#0072B2", "0.55"

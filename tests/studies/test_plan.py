@@ -3,13 +3,16 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
+from crowdbench_studies.paper import STUDY
+from crowdbench_studies.paper.claims import CLAIMS
+from crowdbench_studies.paper.plan import CORRIDORS, TABLES
+from crowdbench_studies.paper.reference import PaperKey, load_paper, paper_key
 
 from crowdbench.agent import AgentSpec, agent_names, agent_options, find_agent
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.scenario import scenario_names
-from crowdbench.study.claims import CLAIMS
-from crowdbench.study.paper import PaperKey, load_paper
-from crowdbench.study.plan import CORRIDORS, TABLES, cells
+
+cells = STUDY.cells
 
 
 def addressed():
@@ -18,7 +21,7 @@ def addressed():
         for block in table.blocks:
             for method in table.methods:
                 for quantity in table.quantities:
-                    key = table.key(block, method, quantity)
+                    key = paper_key(table, block, method, quantity)
                     if key is not None:
                         yield key
 
@@ -118,13 +121,13 @@ def test_the_paper_s_own_numbers_agree_with_its_claims():
     """A claim points the way the paper's numbers point, so no claim is turned around."""
     paper, cases = load_paper(), 0
     for claim in CLAIMS:
-        table = next(table for table in TABLES if table.number == claim.source)
+        table = next(table for table in TABLES if table.number == claim.table)
         quantity = next(q for q in table.quantities if q.metric == claim.metric)
         means = []
         for agent in (claim.better, claim.worse):
             method = next(method for method in table.methods if method.agent == agent)
             keys = [
-                table.key(block, method, quantity)
+                paper_key(table, block, method, quantity)
                 for block in table.blocks
                 if set(block.scenarios) <= set(claim.scenarios)
             ]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crowdbench_studies.paper import STUDY
 
 from crowdbench.agent import Agent, AgentSpec
 from crowdbench.evaluation.metrics import METRICS, metrics
@@ -13,7 +14,7 @@ from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import load_scenario
 from crowdbench.study.measurements import Measurements
-from crowdbench.study.report import write_report
+from crowdbench.study.output import write_study
 
 RESULTS = Path(__file__).parents[2] / "results"
 SAMPLE = 10
@@ -31,7 +32,7 @@ def stored():
 
 
 def test_the_tables_are_those_that_the_episodes_give(stored, tmp_path):
-    write_report(RESULTS, tmp_path)
+    write_study(STUDY, RESULTS, tmp_path)
     made = [*sorted((tmp_path / "tables").iterdir()), tmp_path / "README.md"]
     assert len(made) > 1
     for path in made:
@@ -68,7 +69,7 @@ class Repeats(Agent):
 
 def test_episodes_run_again_give_the_same_rows(stored):
     """What agents decide anew may differ in the last digits on another kind of processor."""
-    for row in sample(Measurements(stored).episodes):
+    for row in sample(Measurements(stored, STUDY.cells()).episodes):
         spec, scenario = AgentSpec.parse(row.agent), load_scenario(row.scenario)
         episode = f"{row.agent} in {row.scenario}, seed {row.seed}"
         assert (spec.make().weights_sha256 or "") == row.weights_sha256, (

@@ -5,6 +5,11 @@ import itertools
 import matplotlib as mpl
 import numpy as np
 import pytest
+from crowdbench_studies.paper import STUDY, scenes
+from crowdbench_studies.paper.charts import reactivity, read_curve
+from crowdbench_studies.paper.figures import DRAWINGS
+from crowdbench_studies.paper.plan import COMPARED, NONREACTIVE, REACTIVE, STORY
+from crowdbench_studies.paper.style import STYLES
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
@@ -14,12 +19,9 @@ from crowdbench.evaluation.results import Cell
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.trajectories import TrajectoryStore, encode_episode
 from crowdbench.scenario import load_scenario
-from crowdbench.study import scenes
-from crowdbench.study.charts import read_curve
-from crowdbench.study.figures import DRAWINGS, save_figures
+from crowdbench.study.figures import save_figures
 from crowdbench.study.measurements import Measurements
-from crowdbench.study.plan import COMPARED, STORY
-from crowdbench.study.style import LOOK, STYLES, WIDTH
+from crowdbench.study.style import LOOK, WIDTH, styles
 
 NAMES = [drawing.name for drawing in DRAWINGS]
 
@@ -49,7 +51,7 @@ def folder(many, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def measured(folder):
-    return Measurements.load(folder)
+    return Measurements.load(folder, STUDY.cells())
 
 
 @pytest.fixture
@@ -142,9 +144,6 @@ def test_corridor_figure_shows_the_means_of_the_tables(drawn, measured):
 
 def test_the_loss_is_reactive_less_non_reactive(episodes):
     """Two thirds of the seeds arrive among people who react, one third among those who do not."""
-    from crowdbench.study.charts import reactivity
-    from crowdbench.study.plan import NONREACTIVE, REACTIVE
-
     for name in REACTIVE:
         episodes.add("orca", name, success=[1, 1, 0] * 10)
     for name in NONREACTIVE:
@@ -175,7 +174,7 @@ def test_the_scene_is_shown_without_the_renderer_s_margin():
 
 def test_the_same_data_give_the_same_bytes(folder, measured, tmp_path):
     for name in ("one", "two"):
-        assert all(save_figures(measured, folder, tmp_path / name).values())
+        assert all(save_figures(DRAWINGS, measured, folder, tmp_path / name).values())
     files = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert files == sorted(f"{name}.{ending}" for name in NAMES for ending in ("pdf", "png"))
     for file in files:
@@ -185,7 +184,7 @@ def test_the_same_data_give_the_same_bytes(folder, measured, tmp_path):
 def test_a_figure_without_data_is_left_out_and_an_old_one_removed(tmp_path):
     old = tmp_path / "figure_4_corridors.png"
     old.write_bytes(b"old")
-    there = save_figures(Measurements.load(tmp_path), tmp_path, tmp_path)
+    there = save_figures(DRAWINGS, Measurements.load(tmp_path, STUDY.cells()), tmp_path, tmp_path)
     assert there == {name: name == "figure_3_scene" for name in NAMES}
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "figure_3_scene.pdf",
@@ -206,3 +205,10 @@ def test_a_curve_that_is_none_is_refused_by_name(tmp_path, text):
     path.write_text(text)
     with pytest.raises(ResultsError, match=r"sac\.csv: expected numbers in columns steps"):
         read_curve(path)
+
+
+def test_a_method_without_a_style_of_its_own_gets_one_that_nothing_else_has():
+    found = styles(["mine", *STYLES, "yours"], STYLES)
+    assert {agent: found[agent] for agent in STYLES} == STYLES
+    looks = [(style.color, style.marker) for style in found.values() if style.marker]
+    assert len(looks) == len(set(looks))

@@ -1,4 +1,4 @@
-"""The figures that plot numbers: corridors, training and what non-reactive people cost."""
+"""The figures that plot numbers: corridors, training and what non-reactive pedestrians cost."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from crowdbench.evaluation.appending import ResultsError
-from crowdbench.scenario import load_scenario
-from crowdbench.study.measurements import Difference, Measurements
-from crowdbench.study.paper import load_paper
-from crowdbench.study.plan import (
+from crowdbench_studies.paper.plan import (
     COMPARED,
     CORRIDORS,
     MOTIONS,
     NONREACTIVE,
     REACTIVE,
     TABLES,
-    Method,
 )
-from crowdbench.study.style import STYLES, WIDTH
+from crowdbench_studies.paper.style import STYLES
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from crowdbench.evaluation.appending import ResultsError
+from crowdbench.scenario import load_scenario
+from crowdbench.study.measurements import Difference, Measurements
+from crowdbench.study.model import Method
+from crowdbench.study.style import WIDTH, styles
 
 TRAINED = {"sac": "SAC", "tdmpc": "TD-MPC-style", "latent_planner": "Ours"}
 """Agents with a curve in ``results/training/<agent>.csv``."""
+
+_LOOKS = styles([*(method.agent for method in COMPARED), *TRAINED], STYLES)
 
 
 def corridors(measured: Measurements) -> Figure | None:
@@ -35,10 +37,10 @@ def corridors(measured: Measurements) -> Figure | None:
     if not methods:
         return None
     figure, axes = _figure(height=4.3, rows=2, sharex=True)
-    marked = [method for method in methods if STYLES[method.agent].marker]
+    marked = [method for method in methods if _LOOKS[method.agent].marker]
     for axis, (metric, label) in zip(axes, [("success", "Success"), ("spl", "SPL")], strict=True):
         for method in methods:
-            style = STYLES[method.agent]
+            style = _LOOKS[method.agent]
             rank = marked.index(method) - (len(marked) - 1) / 2 if method in marked else 0.0
             estimates = [measured.mean(method.agent, (c,), metric) for c in CORRIDORS]
             mean, low, high = np.array([e[:3] for e in estimates]).T
@@ -78,7 +80,7 @@ def training(folder: Path) -> Figure | None:
     figure, axes = _figure(height=2.2, columns=2, sharey=True)
     for axis, column, scale in ((axes[0], 0, 1e6), (axes[1], 1, 3600.0)):
         for agent, curve in curves.items():
-            style = STYLES[agent]
+            style = _LOOKS[agent]
             axis.plot(
                 curve[:, column] / scale,
                 curve[:, 2],
@@ -99,7 +101,7 @@ def training(folder: Path) -> Figure | None:
 
 
 def reactivity(measured: Measurements) -> Figure | None:
-    """Success lost when people stop reacting to the robot, per method, on paired episodes."""
+    """Success lost when pedestrians stop reacting to the robot, per method, on paired episodes."""
     methods = [
         method
         for method in COMPARED
@@ -161,13 +163,12 @@ def _whisker(axis: Axes, loss: Difference, height: float, label: str, look: Any)
 
 def _paper_loss(method: Method) -> float | None:
     """Mean success of the paper's Table I less that of its Table II."""
-    if method.paper is None:
-        return None
-    paper = load_paper()
     means = []
     for table in TABLES[:2]:
-        keys = [table.key(block, method, table.quantities[0]) for block in table.blocks]
-        means.append(np.mean([paper[key] for key in keys if key is not None]))
+        cells = [(block.heading, method.label, "success") for block in table.blocks]
+        if not all(cell in table.reference for cell in cells):
+            return None
+        means.append(np.mean([table.reference[cell] for cell in cells]))
     return float(means[0] - means[1])
 
 
