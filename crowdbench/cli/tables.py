@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import RESULTS, ResultsOption, err, out
+from crowdbench.cli.common import PUBLISHED, ResultsOption, err, out
 
 if TYPE_CHECKING:
     from crowdbench.study.execution import Forecast
@@ -25,7 +25,7 @@ def tables(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
-    results: ResultsOption = RESULTS,
+    results: ResultsOption = PUBLISHED,
 ) -> None:
     """Write the paper's tables and figures.
 
@@ -54,7 +54,7 @@ def tables(
 
 def _run(folder: Path, jobs: int) -> bool:
     """Run what is missing; False if some agent could not be made."""
-    from crowdbench.evaluation.appending import require_writable
+    from crowdbench.evaluation.database import require_writable
     from crowdbench.study.execution import look, run_missing
     from crowdbench.study.plan import cells
     from crowdbench.study.readme import duration

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.scenario import load_scenario
 from crowdbench.study.measurements import Difference, Measurements
 from crowdbench.study.paper import load_paper

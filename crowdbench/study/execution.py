@@ -11,7 +11,7 @@ from crowdbench.agent import AgentError, AgentSpec
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Progress, Task, run
 from crowdbench.scenario import load_scenario
-from crowdbench.study.plan import CHEAP, COSTLY, STORY, Cell, cells
+from crowdbench.study.plan import CHEAP, COSTLY, Cell, cells
 from crowdbench.study.sessions import Account
 
 PASSES = (1, COSTLY // 2, COSTLY, CHEAP)
@@ -177,10 +177,6 @@ def run_missing(
         on_progress(done, total, forecast)
 
     try:
-        story = [cell for cell in plan if (cell.scenario, cell.agent) == STORY[:2]]
-        for cell in story:
-            whole = Task(worlds[cell.scenario], AgentSpec.parse(cell.agent), range(STORY[2]))
-            run([whole], folder, jobs=jobs, save_trajectories=True, on_progress=advance)
         run(_tasks(plan), folder, jobs=jobs, on_progress=advance)
     finally:
         account.write()

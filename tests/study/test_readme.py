@@ -7,7 +7,7 @@ import re
 import pytest
 
 from crowdbench.cli import main
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.study import report
 from crowdbench.study.claims import Claim, check_claims, check_orders
 from crowdbench.study.measurements import Measurements
