@@ -70,7 +70,7 @@ class Cell:
     Attributes:
         scenario: label of the scenario, see ``scenario_label``.
         scenario_digest: ``Scenario.digest``.
-        agent: the agent with its options, e.g. ``orca:horizon=2``.
+        agent: the agent with its options, e.g. ``NAME:horizon=2``.
         options: the options alone, JSON.
         version: of crowdbench.
         weights_sha256: hash of the agent's weights, empty without.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,17 @@ from crowdbench.evaluation.resampling import bootstrap_mean
 from crowdbench.evaluation.results import Cell
 from crowdbench.evaluation.statistics import Estimate, wilson_interval
 from crowdbench.scenario import Scenario, scenario_names
-from crowdbench.study.plan import TABLES
 
-MAIN_METRICS = {quantity.metric for table in TABLES for quantity in table.quantities}
-"""Those of the paper's tables, which are shown unless all are asked for."""
 _SHOWN_ERRORS = 20
 _PRINTED = {"inference_s": (1000.0, "ms")}
 
 
-def metric_documents() -> list[dict[str, Any]]:
-    """What the page has to know of each metric; ``scale`` leads to the printed unit."""
+def metric_documents(main: Collection[str]) -> list[dict[str, Any]]:
+    """What the page has to know of each metric; ``scale`` leads to the printed unit.
+
+    Args:
+        main: names of those that are shown unless all are asked for.
+    """
     documents = []
     for name, metric in METRICS.items():
         scale, unit = _PRINTED.get(name, (1.0, metric.unit))
@@ -34,14 +35,14 @@ def metric_documents() -> list[dict[str, Any]]:
                 "scale": scale,
                 "better": metric.better,
                 "definition": metric.definition,
-                "main": name in MAIN_METRICS,
+                "main": name in main,
             }
         )
     return documents
 
 
 def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
-    """One document per scenario and agent, scenarios in the order of the paper's tables.
+    """One document per scenario and agent, scenarios in their own order.
 
     Args:
         rows: as ``load_results`` returns them.

@@ -24,7 +24,6 @@ from crowdbench.evaluation.results import Cell, ResultsError, slug
 from crowdbench.evaluation.stored import find_scenario, load_episodes, replayable_seeds
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
-from crowdbench.simulation.layout import place
 
 LARGEST_FILE = 4_500_000
 """Bytes of one file of replays; the page promises none above 5 MB."""
@@ -80,8 +79,7 @@ def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[d
     waiting: list[str] = []
     listed = []
     for episode in (one for seed in recording.seeds for one in recording.episodes(seed)):
-        layout = place(recording.scenario, episode.seed)
-        document = encode(episode, layout.pedestrian_reactive)
+        document = encode(episode, episode.pedestrian_reactive)
         text = script_json(document)
         size = sum(map(len, waiting))
         if waiting and size + len(text) > LARGEST_FILE:

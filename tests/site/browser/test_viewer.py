@@ -312,7 +312,6 @@ class Fails(Agent):
         return 0.5, 0.0
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
     short = load_scenario("multimodal_fast", time_limit=0.4)
     for number, text in enumerate(HOSTILE):
@@ -338,7 +337,6 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
     assert page.locator("main img, main script, [onmouseover]").count() == 0
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_missing_file_is_reported(browser, stored, tmp_path):
     """Somebody copied the page without its data; the browser's own complaint is expected here."""
     output = tmp_path / "site"
