@@ -23,7 +23,7 @@ from crowdbench.cli.scenarios import scenarios
 from crowdbench.cli.show import show
 from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.scenario import ScenarioError
 
 app = typer.Typer(

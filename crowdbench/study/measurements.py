@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from crowdbench.evaluation.csv_results import load_csv_results
 from crowdbench.evaluation.resampling import bootstrap_mean, sign_flip_p
 from crowdbench.evaluation.results import load_results, scenario_label
 from crowdbench.evaluation.statistics import Estimate, wilson_interval
@@ -60,7 +61,8 @@ class Measurements:
     @classmethod
     def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
         """Read a results folder."""
-        return cls(load_results(folder), plan)
+        published = (folder / "episodes").is_dir()
+        return cls(load_csv_results(folder) if published else load_results(folder), plan)
 
     def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
         """How many episodes are stored."""
