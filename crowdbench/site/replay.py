@@ -79,7 +79,7 @@ def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[d
     waiting: list[str] = []
     listed = []
     for episode in (one for seed in recording.seeds for one in recording.episodes(seed)):
-        document = encode(episode, episode.pedestrian_reactive)
+        document = encode(episode)
         text = script_json(document)
         size = sum(map(len, waiting))
         if waiting and size + len(text) > LARGEST_FILE:
@@ -94,13 +94,8 @@ def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[d
     return files, listed
 
 
-def encode(episode: Episode, reactive: NDArray[np.bool_]) -> dict[str, Any]:
-    """An episode as the viewer reads it.
-
-    Args:
-        episode: the log.
-        reactive: (P,) who sees the robot.
-    """
+def encode(episode: Episode) -> dict[str, Any]:
+    """An episode as the viewer reads it."""
     return {
         "seed": episode.seed,
         "robot": episode.robot,
@@ -114,9 +109,9 @@ def encode(episode: Episode, reactive: NDArray[np.bool_]) -> dict[str, Any]:
         "walls": _numbers(episode.walls),
         "obstacles": _numbers(episode.obstacles),
         "radius": episode.pedestrian_radius,
-        "reactive": [bool(value) for value in reactive],
+        "reactive": episode.pedestrian_reactive.tolist(),
         "pose": _packed(episode.robot_pose),
-        "actions": _packed(episode.actions),
+        "motion": _packed(_motion(episode)),
         "others": _packed(episode.other_robots),
         "people": episode.pedestrian_position.shape[1],
         "position": _packed(episode.pedestrian_position),
@@ -164,6 +159,12 @@ def _line(document: dict[str, Any], file: int | None) -> dict[str, Any]:
         "close": kinds.count("ttc"),
         "file": file,
     }
+
+
+def _motion(episode: Episode) -> NDArray[np.float64]:
+    """(T, 2) speed [m/s] and turn rate [rad/s] after each action, whatever the drive."""
+    turned = np.diff(episode.robot_pose[:, 2]) / episode.control_period
+    return np.column_stack([episode.robot_speed[1:], turned])
 
 
 def _packed(values: NDArray[Any]) -> str:
