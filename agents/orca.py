@@ -11,8 +11,9 @@ for multiple non-holonomic robots", DARS 2010).
 from __future__ import annotations
 
 import numpy as np
-from crowdbench_agents.geometry.clusters import Tracker
+from crowdbench_agents.geometry.clusters import Scene, Tracker
 from crowdbench_agents.geometry.footprint import arc_gap
+from numpy.typing import NDArray
 
 import crowdbench
 
@@ -56,7 +57,13 @@ class Orca(crowdbench.Agent):
         # Braking is for what stands still: who walks is avoided better by moving.
         return self._brake(v, w, self._tracker.without_moving(observation, scene)), w
 
-    def _avoid(self, position, velocity, preferred, scene):
+    def _avoid(
+        self,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        preferred: NDArray[np.float64],
+        scene: Scene,
+    ) -> NDArray[np.float64]:
         """The ORCA velocity (2,) in the odometry frame [m/s]."""
         robot = self._robot
         moving, still = scene.discs[scene.moving], scene.discs[~scene.moving]
@@ -90,7 +97,7 @@ class Orca(crowdbench.Agent):
         off = bearing - turn * robot.control_period / 2
         return float(np.hypot(forward, left) * max(0.0, np.cos(off))), float(turn)
 
-    def _brake(self, v, w, lidar):
+    def _brake(self, v: float, w: float, lidar: NDArray[np.floating]) -> float:
         """The most of a speed v with which the coming step's arc (v, w) touches nothing seen."""
         robot = self._robot
         for share in (1.0, 0.75, 0.5, 0.25):

@@ -18,8 +18,9 @@ import argparse
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -65,7 +66,7 @@ class Products:
         ]
         self.flops = sum(2 * x.shape[0] * w.numel() * times for x, w, _, times in self._work)
 
-    def _prepare(self, rows: int, networks: list[nn.Module], times: int) -> Iterator[tuple]:
+    def _prepare(self, rows: int, networks: Sequence[nn.Module], times: int) -> Iterator[tuple]:
         for layer in (part for network in networks for part in network.modules()):
             if isinstance(layer, nn.Linear):
                 out, inside = layer.weight.shape
@@ -99,7 +100,8 @@ class Driver:
 
 def observations(count: int = 60) -> list[crowdbench.Observation]:
     """What a robot sees that drives towards its goal, from as many episodes as it takes."""
-    env, seen = crowdbench.parallel_env(SCENARIO), []
+    env = crowdbench.parallel_env(SCENARIO)
+    seen: list[crowdbench.Observation] = []
     seed = VALIDATION[0]
     while len(seen) < count:
         observed, _ = env.reset(seed=seed)
@@ -157,7 +159,7 @@ def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, consol
     generator = torch.Generator().manual_seed(0)
     plain, fused = PlainEvaluator(model), {n: FusedEvaluator(model, n) for n in (1, 2)}
 
-    def agent(path: Path, **options: object) -> Driver:
+    def agent(path: Path, **options: Any) -> Driver:
         return Driver(LatentPlanner(weights=str(path), **options), seen)
 
     cases: dict[str, tuple[Callable[[], object], int]] = {

@@ -35,6 +35,7 @@ from crowdbench_agents.learning.validation import (
     validate,
 )
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 from rich.console import Console
 
 import crowdbench
@@ -95,7 +96,8 @@ def main() -> None:
         else:
             parts = re.split(r",(?![^[]*\])", form)  # at commas outside of brackets
             values = dict(part.split("=", 1) for part in parts if part)
-            execute, score = int(values.pop("execute", 1)), values.pop("score", "reward_q")
+            execute = int(values.pop("execute", 1))
+            score = TypeAdapter(Score).validate_python(values.pop("score", "reward_q"))
             changed = {f"planner.{key}": yaml.safe_load(x) for key, x in values.items()}
             act = planner_act(model, config.override(changed), execute, score)
         result = validate(

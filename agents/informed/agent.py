@@ -43,7 +43,7 @@ class Informed(crowdbench.Agent):
         self._robot = robot
         self._index = int(robot.name.rpartition("_")[2])
         self._arcs = arcs(robot.speed, robot.turn_rate)
-        self._field = None
+        self._field: DistanceField | None = None
         self._plan = np.empty((0, 2))
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:

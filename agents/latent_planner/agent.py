@@ -198,8 +198,7 @@ def _checked(**values: object) -> Options:
         raise ValueError(
             f"execute: should be 1 to horizon ({options.horizon}), got {options.execute}"
         )
-    if None not in (options.elites, options.candidates) and options.elites > options.candidates:
-        raise ValueError(
-            f"elites: should be 1 to candidates ({options.candidates}), got {options.elites}"
-        )
+    elites, candidates = options.elites, options.candidates
+    if elites is not None and candidates is not None and elites > candidates:
+        raise ValueError(f"elites: should be 1 to candidates ({candidates}), got {elites}")
     return options

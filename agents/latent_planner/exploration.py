@@ -87,11 +87,11 @@ class Explorer:
         z = self._model.encode(inputs)
         self._decide(z, inputs)
         noise = torch.randn(count, 2, generator=self.generator)
-        action = self._model.sample(z, noise)[0].float()
+        drawn = self._model.sample(z, noise)[0].float()
         planning = torch.from_numpy(self._planning)
         just_made = self._queue.taken == 0
         planned = self._queue.take(np.arange(count))
-        action = torch.where(planning[:, None], planned, action).numpy()
+        action = torch.where(planning[:, None], planned, drawn).numpy()
         explored = action + self._noise.step() * self._exploring[:, None]
         executed = np.clip(explored, -1, 1).astype(np.float32)
         self._last = torch.from_numpy(executed)

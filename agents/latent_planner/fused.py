@@ -19,7 +19,7 @@ from threading import Barrier
 
 import torch
 from crowdbench_agents.latent_planner.scoring import Scoring
-from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel
+from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.inputs import ACTION
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, linear, silu
@@ -150,14 +150,16 @@ class FusedView:
 class _Layers:
     """The layers of an Mlp, packed."""
 
-    def __init__(self, mlp: Mlp) -> None:
-        layers = list(mlp)
+    def __init__(self, mlp: nn.Module) -> None:
+        layers = list(mlp.children())
         self._hidden = []
         for layer, following in itertools.pairwise(layers):
             if isinstance(layer, nn.Linear):
                 norm = following if isinstance(following, nn.LayerNorm) else None
                 self._hidden.append((_Linear(layer), norm))
-        self._last = _Linear(layers[-1])
+        last = layers[-1]
+        assert isinstance(last, nn.Linear)
+        self._last = _Linear(last)
 
     def share(self, z: Tensor) -> Tensor:
         """What a state (1, latent) contributes to the first layer, bias included."""
