@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 import crowdbench
+from crowdbench.compiled import compiled
 
 BREAK, SLANT = 0.15, 2.0
 """Points of neighbouring beams farther apart than this [m], and farther than ``SLANT`` times their
@@ -100,7 +100,7 @@ class Tracker:
         return np.where((np.abs(gaps) < OF_DISC).any(axis=1), self._range, lidar)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _clusters(lidar, pose, beam_cos, beam_sin, reach, step, circle):
     """Discs (N, 4): x, y, radius, whether fitted; segments (S, 4) of the long clusters."""
     beams = len(lidar)
@@ -130,24 +130,26 @@ def _clusters(lidar, pose, beam_cos, beam_sin, reach, step, circle):
         # From the first beam after a break all the way round.
         i = (start + k - 1) % beams
         if hit[i]:
-            members[count] = points[i]
+            members[count, 0], members[count, 1] = points[i, 0], points[i, 1]
             count += 1
         ends = k == beams or not joined[(start + k) % beams]
         if not ends or count == 0:
             continue
         if _is_chain(members, count):
             for j in range(count - 1):
-                segments[n_segments, :2] = members[j]
-                segments[n_segments, 2:] = members[j + 1]
+                # Element by element: numba compiles numpy's message about shapes for rows.
+                segments[n_segments, 0], segments[n_segments, 1] = members[j, 0], members[j, 1]
+                segments[n_segments, 2] = members[j + 1, 0]
+                segments[n_segments, 3] = members[j + 1, 1]
                 n_segments += 1
         else:
-            discs[n_discs] = _disc(members, count, pose)
+            _disc(members, count, pose, discs[n_discs])
             n_discs += 1
         count = 0
     return _without_crumbs(discs[:n_discs]), segments[:n_segments]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _without_crumbs(discs):
     """The discs without those guessed from points on the rim of a fitted one.
 
@@ -162,7 +164,7 @@ def _without_crumbs(discs):
     return discs[kept]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _is_chain(points, count):
     """Whether points in order are too many or too straight for a disc."""
     ex, ey = points[count - 1, 0] - points[0, 0], points[count - 1, 1] - points[0, 1]
@@ -178,10 +180,13 @@ def _is_chain(points, count):
     return True
 
 
-@numba.njit(cache=True)
-def _disc(points, count, pose):
-    """(x, y, radius, fitted) of the circle through points (algebraic fit, Kasa 1976)."""
-    mx, my = np.mean(points[:count, 0]), np.mean(points[:count, 1])
+@compiled()
+def _disc(points, count, pose, disc):
+    """Write (x, y, radius, fitted) of the circle through points (algebraic fit, Kasa 1976)."""
+    mx, my = 0.0, 0.0
+    for j in range(count):
+        mx, my = mx + points[j, 0], my + points[j, 1]
+    mx, my = mx / count, my / count
     if count >= 3:
         suu, suv, svv, suz, svz, sz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(count):
@@ -201,19 +206,22 @@ def _disc(points, count, pose):
             # The centre lies behind the points that are seen.
             behind = a * (mx - pose[0]) + b * (my - pose[1]) > 0.0
             if RADII[0] <= radius <= RADII[1] and error < FIT_ERROR * FIT_ERROR and behind:
-                return np.array([mx + a, my + b, radius, 1.0])
+                disc[0], disc[1], disc[2], disc[3] = mx + a, my + b, radius, 1.0
+                return
     width = math.hypot(points[count - 1, 0] - points[0, 0], points[count - 1, 1] - points[0, 1])
-    return np.array([mx, my, max(0.05, 0.5 * width), 0.0])
+    disc[0], disc[1], disc[2], disc[3] = mx, my, max(0.05, 0.5 * width), 0.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _track(tracks, found, period):
     """Move the tracks on, correct them by what was found, forget the old and begin the new."""
     kept = np.empty((len(tracks) + len(found), 7))
     count = 0
     taken = np.zeros(len(found), dtype=np.bool_)
     expected = tracks.copy()
-    expected[:, :2] += period * tracks[:, 2:4]
+    for t in range(len(tracks)):
+        expected[t, 0] += period * tracks[t, 2]
+        expected[t, 1] += period * tracks[t, 3]
     matched = np.full(len(tracks), -1)
     for _ in range(len(tracks)):
         best, best_t, best_f = GATE, -1, -1
@@ -244,11 +252,13 @@ def _track(tracks, found, period):
         else:
             track[5] += 1.0
         if track[5] == 0.0 or (track[6] > 0.0 and track[5] <= MEMORY):
-            kept[count] = track
+            for column in range(7):
+                kept[count, column] = track[column]
             count += 1
     for f in range(len(found)):
         if not taken[f]:
-            kept[count, :2], kept[count, 2:4] = found[f, :2], 0.0
+            kept[count, 0], kept[count, 1] = found[f, 0], found[f, 1]
+            kept[count, 2], kept[count, 3] = 0.0, 0.0
             kept[count, 4], kept[count, 5], kept[count, 6] = found[f, 2], 0.0, found[f, 3]
             count += 1
     return kept[:count]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from crowdbench.compiled import compiled
 
-@numba.njit(cache=True)
+
+@compiled()
 def advance(x, y, heading, v, w, duration):
     """Pose [m, m, rad] after driving the arc of (v [m/s], w [rad/s]) for ``duration`` [s]."""
     half_turn = 0.5 * w * duration
@@ -19,13 +20,13 @@ def advance(x, y, heading, v, w, duration):
     return x + chord * math.cos(middle), y + chord * math.sin(middle), heading + w * duration
 
 
-@numba.njit(cache=True)
+@compiled()
 def _in_frame(x, y, cosine, sine, px, py):
     dx, dy = px - x, py - y
     return cosine * dx + sine * dy, cosine * dy - sine * dx
 
 
-@numba.njit(cache=True)
+@compiled()
 def point_gap(x, y, cosine, sine, half_length, half_width, px, py):
     """Signed distance from a rectangle at (x, y) with heading (cosine, sine) to a point [m].
 
@@ -37,7 +38,7 @@ def point_gap(x, y, cosine, sine, half_length, half_width, px, py):
     return outside + min(max(ahead, aside), 0.0)
 
 
-@numba.njit(cache=True)
+@compiled()
 def wall_gap(x, y, cosine, sine, half_length, half_width, wall):
     """Distance from a rectangle to a segment (x1, y1, x2, y2) [m]; -1 when they cross."""
     ax, ay = _in_frame(x, y, cosine, sine, wall[0], wall[1])
@@ -65,7 +66,7 @@ def wall_gap(x, y, cosine, sine, half_length, half_width, wall):
     return gap
 
 
-@numba.njit(cache=True)
+@compiled()
 def arc_gap(v, w, duration, checks, half_length, half_width, lidar, beam_cos, beam_sin, reach):
     """Least distance from the robot to what a scan shows while it drives an arc [m].
 

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
 from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, search
 
 import crowdbench
 from crowdbench import orca_velocities
+from crowdbench.compiled import compiled
 
 ARRIVAL = 0.3
 """A pedestrian this near to its goal takes a new one [m]."""
@@ -114,7 +114,7 @@ class Informed(crowdbench.Agent):
         )
 
 
-@numba.njit(cache=True)
+@compiled()
 def _predict(
     period,
     time,
@@ -141,16 +141,20 @@ def _predict(
     position, velocity, goal = position.copy(), velocity.copy(), goal.copy()
     preferred, out = np.empty_like(position), np.empty_like(position)
     sees = np.zeros((people, 1), dtype=np.bool_)
-    sees[:, 0] = courteous
-    here, still = robot_pose[me : me + 1, :2].copy(), np.zeros((1, 2))
+    here, still = np.empty((1, 2)), np.zeros((1, 2))
+    here[0, 0], here[0, 1] = robot_pose[me, 0], robot_pose[me, 1]
     arrived = np.full(people, np.inf)
-    future[:, :, 2] = radius
-    future[0, :people, :2] = position
+    # Element by element: numba compiles numpy's message about shapes for assigned rows.
+    for p in range(people):
+        sees[p, 0] = courteous[p]
+        future[0, p, 0], future[0, p, 1] = position[p, 0], position[p, 1]
+        for row in range(len(future)):
+            future[row, p, 2] = radius
     for step in range(HORIZON):
         now = time + step * period
         for p in range(people):
             if now >= switch_time[p]:
-                goal[p] = next_goal[p]
+                goal[p, 0], goal[p, 1] = next_goal[p, 0], next_goal[p, 1]
             dx, dy = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
             distance = math.hypot(dx, dy)
             if distance < ARRIVAL and arrived[p] == np.inf:
@@ -162,7 +166,8 @@ def _predict(
             position, velocity, preferred, speed, radius, sees, here, still,
             robot_radius, 0.5, obstacles, walls, period, out,
         )  # fmt: skip
-        velocity[:] = out
+        for p in range(people):
+            velocity[p, 0], velocity[p, 1] = out[p, 0], out[p, 1]
         for tick in range(1, TICKS + 1):
             row = step * TICKS + tick
             later = tick * period / TICKS
@@ -173,7 +178,9 @@ def _predict(
                 spread[row, p] = speed[p] * min(SURPRISE, unknown)
                 if unknown * speed[p] > GONE:
                     future[row, p, 2] = ABSENT
-        position += period * velocity
+        for p in range(people):
+            position[p, 0] += period * velocity[p, 0]
+            position[p, 1] += period * velocity[p, 1]
     for r in range(robots):
         ux = robot_velocity[r, 0] * math.cos(robot_pose[r, 2])
         uy = robot_velocity[r, 0] * math.sin(robot_pose[r, 2])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
+
+from crowdbench.compiled import compiled
 
 CELL = 0.1
 """Grid spacing [m]."""
@@ -43,7 +44,7 @@ class DistanceField:
             _fill(np.asarray(goal, dtype=float), discs, walls, clearance, self.origin, self.values)
 
 
-@numba.njit(cache=True)
+@compiled()
 def look_up(x, y, goal_x, goal_y, origin, values):
     """Length of the shortest way from (x, y) to the goal [m], interpolated."""
     straight = math.hypot(goal_x - x, goal_y - y)
@@ -56,7 +57,7 @@ def look_up(x, y, goal_x, goal_y, origin, values):
     return max(straight, near + s * ((1 - t) * values[a + 1, b] + t * values[a + 1, b + 1]))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _fill(goal, discs, walls, clearance, origin, values):
     """A visibility graph over way points around the discs, then its nearest node per cell."""
     nodes = np.empty((1 + CORNERS * len(discs), 2))
@@ -102,7 +103,7 @@ def _fill(goal, discs, walls, clearance, origin, values):
             values[i, j] = (best_length if best_length < np.inf else straight) + 2.0 * depth
 
 
-@numba.njit(cache=True)
+@compiled()
 def _outside(x, y, discs):
     """The nearest point on the rim of the disc a point is in, and how deep it is in [m].
 
@@ -117,7 +118,7 @@ def _outside(x, y, discs):
     return x, y, 0.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _blocked(x1, y1, x2, y2, discs):
     """Whether a segment enters a disc; discs around its first point do not count."""
     dx, dy = x2 - x1, y2 - y1
@@ -134,7 +135,7 @@ def _blocked(x1, y1, x2, y2, discs):
     return False
 
 
-@numba.njit(cache=True)
+@compiled()
 def _at_wall(x, y, goal, walls, clearance):
     """Whether a point is too near to a wall or on the other side of it."""
     for s in range(len(walls)):

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from crowdbench_agents.geometry.footprint import advance, point_gap, wall_gap
 from crowdbench_agents.informed.distance_field import look_up
+
+from crowdbench.compiled import compiled
 
 PERIODS = np.array([1, 1, 2, 2, 2, 3, 3, 3, 3, 4])
 """Control periods for which each arc of a plan is driven: fine now, coarse later."""
@@ -56,7 +57,7 @@ def arcs(speed, turn_rate):
     )
 
 
-@numba.njit(cache=True)
+@compiled()
 def search(
     pose,
     velocity,
@@ -97,7 +98,9 @@ def search(
     Returns:
         Length of the plan in control periods, its cost [s].
     """
-    top, turn = np.max(arcs[:, 0]), np.max(np.abs(arcs[:, 1]))
+    top, turn = arcs[0, 0], abs(arcs[0, 1])
+    for a in range(1, len(arcs)):
+        top, turn = max(top, arcs[a, 0]), max(turn, abs(arcs[a, 1]))
     scene = (
         goal,
         tolerance,
@@ -111,20 +114,25 @@ def search(
     )
     # Columns: x, y, heading, v, w, cost so far, row of the beam it continues (-1: the last plan).
     beam = np.zeros((BEAM + 1, 7))
-    beam[0, :3], beam[0, 3:5] = pose, velocity
-    alive, old, old_lives = 1, beam[0].copy(), True
+    for i in range(3):
+        beam[0, i] = pose[i]
+    beam[0, 3], beam[0, 4] = velocity[0], velocity[1]
+    alive, old, old_lives = 1, np.empty(7), True
+    _copy(beam[0], old)
     children, score = np.empty((len(beam) * len(arcs), 7)), np.empty(len(beam) * len(arcs))
     history = np.empty((len(PERIODS), len(beam), 7))
     best, best_level, best_end = np.inf, 0, np.zeros(7)
-    row, count = 0, 0
+    # No literals: numba would compile what they are handed to for them as well.
+    row, count = np.int64(0), np.int64(0)
     for level in range(len(PERIODS)):
-        count = 0
+        count = np.int64(0)
+        ticks = np.int64(PERIODS[level] * TICKS)
         choices = len(arcs) if level < FINE_LEVELS else len(arcs) // 2
         for b in range(alive):
             for a in range(choices):
                 v, w = _within(arcs[a, 0], arcs[a, 1], beam[b, 3], beam[b, 4], limits * period)
                 child = children[count]
-                status = _drive(beam[b], v, w, row, PERIODS[level] * TICKS, scene, child)
+                status = _drive(beam[b], v, w, row, ticks, scene, child)
                 child[6] = b
                 if status == _RUNNING:
                     left = _time_left(child, goal, tolerance, top, turn, origin, lengths)
@@ -132,34 +140,54 @@ def search(
                     count += 1
                 elif child[5] < best:
                     best, best_level = child[5], level
-                    best_end[:] = child
+                    _copy(child, best_end)
         for step in range(row // TICKS, row // TICKS + PERIODS[level]):
             old_lives = old_lives and step < len(kept)
             if old_lives:
-                status = _drive(old, kept[step, 0], kept[step, 1], step * TICKS, TICKS, scene, old)
+                status = _drive(
+                    old, kept[step, 0], kept[step, 1], step * TICKS, np.int64(TICKS), scene, old
+                )
                 old_lives = status == _RUNNING
                 old[6] = -1
                 if not old_lives and old[5] < best:
                     best, best_level = old[5], level
-                    best_end[:] = old
-        row += PERIODS[level] * TICKS
-        if count == 0 or best <= np.min(score[:count]):
+                    _copy(old, best_end)
+        row += ticks
+        if count == 0 or best <= score[_cheapest(score, count)]:
             break
         if level < len(PERIODS) - 1:
             alive = _select(children, score, count, beam)
             if old_lives:
-                beam[alive] = old
+                _copy(old, beam[alive])
                 alive += 1
-            history[level] = beam
+            for b in range(len(beam)):
+                _copy(beam[b], history[level, b])
     if count > 0:
-        cheapest = np.argmin(score[:count])
+        cheapest = _cheapest(score, count)
         if score[cheapest] < best:
             best, best_level = score[cheapest], len(PERIODS) - 1
-            best_end[:] = children[cheapest]
+            _copy(children[cheapest], best_end)
     return _trace(best_end, best_level, history, kept, plan), best
 
 
-@numba.njit(cache=True)
+@compiled()
+def _copy(source, target):
+    """Element by element: numba compiles numpy's message about shapes for an assigned row."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@compiled()
+def _cheapest(score, count):
+    """The first of the lowest among ``count`` scores."""
+    best = 0
+    for i in range(1, count):
+        if score[i] < score[best]:
+            best = i
+    return best
+
+
+@compiled()
 def _trace(node, level, history, kept, plan):
     """Write the plan that led to a node of a level, period by period; returns its length."""
     length = 0
@@ -170,17 +198,19 @@ def _trace(node, level, history, kept, plan):
         if node[6] < 0:
             # Arriving ends the last plan, perhaps in the middle of a level.
             length = min(length, len(kept)) if last == length else length
-            plan[: min(last, length)] = kept[: min(last, length)]
+            for i in range(min(last, length)):
+                plan[i, 0], plan[i, 1] = kept[i, 0], kept[i, 1]
             return length
         first = last - PERIODS[level]
-        plan[first:last, 0], plan[first:last, 1] = node[3], node[4]
+        for i in range(first, last):
+            plan[i, 0], plan[i, 1] = node[3], node[4]
         last, level = first, level - 1
         if level >= 0:
             node = history[level, int(node[6])]
     return length
 
 
-@numba.njit(cache=True)
+@compiled()
 def _time_left(node, goal, tolerance, top, turn, origin, lengths):
     """Least time from a pose to the goal [s], and a little for facing elsewhere."""
     dx, dy = goal[0] - node[0], goal[1] - node[1]
@@ -189,7 +219,7 @@ def _time_left(node, goal, tolerance, top, turn, origin, lengths):
     return max(0.0, left) / top + 0.5 * abs(off) / turn
 
 
-@numba.njit(cache=True)
+@compiled()
 def _drive(node, v, w, row, ticks, scene, end):
     """Follow an arc for ``ticks`` from a node at ``row`` of the future; writes where it ends."""
     goal, tolerance, half_length, half_width, tick, future, spread, obstacles, walls = scene
@@ -222,14 +252,14 @@ def _drive(node, v, w, row, ticks, scene, end):
     return status
 
 
-@numba.njit(cache=True)
+@compiled()
 def _within(v, w, now_v, now_w, reach):
     """The nearest command that the acceleration limits permit."""
     v = min(now_v + reach[0], max(now_v - reach[0], v))
     return v, min(now_w + reach[1], max(now_w - reach[1], w))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obstacles, walls):
     """Cost per second of being here [s/s]; inf for a contact."""
     total = 0.0
@@ -269,7 +299,7 @@ def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obst
     return total
 
 
-@numba.njit(cache=True)
+@compiled()
 def _select(children, score, count, beam):
     """Keep the best children, at most one per cell of position and heading."""
     order = np.argsort(score[:count])
@@ -285,7 +315,7 @@ def _select(children, score, count, beam):
                 break
         if fresh:
             cells[kept, 0], cells[kept, 1], cells[kept, 2] = cx, cy, ch
-            beam[kept] = children[i]
+            _copy(children[i], beam[kept])
             kept += 1
             if kept == BEAM:
                 break

@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 FRAMES = 8
 """Scans in a map, one bit each; bit 0 is the current scan, bit k the one k steps ago."""
@@ -134,7 +135,7 @@ def reflect(maps: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(maps[..., ::-1])
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _update_all(
     maps, which, points, hits, head, lidar, pose, cos, sin, reach, x0, y0, inverse_cell
 ):  # pragma: no cover

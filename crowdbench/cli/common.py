@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 DEFAULT_AGENT = "latent_planner"
 DEFAULT_SCENARIO = "multimodal_fast"
+DEFAULT_STUDY = "paper"
 RESULTS = Path("results")
 
 TABLE_METRICS = (
@@ -23,7 +24,7 @@ TABLE_METRICS = (
     "min_dist",
     "ttc_below_1s",
 )
-"""The paper's metrics, which tables show unless others are asked for."""
+"""What tables show unless other metrics are asked for."""
 
 SetOption = Annotated[
     list[str] | None,

@@ -34,8 +34,8 @@ def record(
     from crowdbench.agent import AgentSpec
     from crowdbench.evaluation.results import slug
     from crowdbench.evaluation.rollout import run_episode
-    from crowdbench.reporting.video import write_video
     from crowdbench.simulation.env import CrowdEnv
+    from crowdbench.simulation.video import write_video
 
     spec = AgentSpec.parse(agent)
     path = output or Path(f"{world.name}-{slug(str(spec))}-{seed}.gif")

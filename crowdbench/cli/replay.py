@@ -13,7 +13,7 @@ from crowdbench.cli.common import RESULTS, ResultsOption, UserError, out
 from crowdbench.scenario import load_scenario
 
 if TYPE_CHECKING:
-    from crowdbench.reporting.replay import Recording
+    from crowdbench.site.replay import Recording
 
 _FORMS = "expected a trajectory file (.jsonl.gz) or SCENARIO:AGENT:SEED"
 
@@ -31,7 +31,7 @@ def replay(
     """Watch stored episodes in the browser, next to what other agents did on the same seed."""
     import webbrowser
 
-    from crowdbench.reporting.website import replay_link, write_replay_page
+    from crowdbench.site.website import replay_link, write_replay_page
 
     path = Path(episode)
     recordings = _of_file(path) if _is_file(path) else _of_seed(episode, results)
@@ -54,7 +54,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _of_file(path: Path) -> list[Recording]:
-    from crowdbench.reporting.replay import find_recording
+    from crowdbench.site.replay import find_recording
 
     recording = find_recording(path.resolve())
     if recording is None:
@@ -66,7 +66,7 @@ def _of_seed(text: str, results: Path) -> list[Recording]:
     """The episode that is asked for, then those of other agents on the same seed."""
     from crowdbench.agent import AgentSpec
     from crowdbench.evaluation.results import scenario_label, slug
-    from crowdbench.reporting.replay import find_recording
+    from crowdbench.site.replay import find_recording
 
     place, _, number = text.rpartition(":")
     name, _, agent = place.partition(":")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 TWO_PI = 2 * np.pi
 
@@ -14,7 +15,7 @@ def beam_table(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.cos(angles), np.sin(angles), angles])
 
 
-@njit(cache=True)
+@compiled()
 def cast_rays(
     pose: NDArray[np.float64],
     beams: NDArray[np.float64],
@@ -41,7 +42,8 @@ def cast_rays(
     Returns:
         The least distance, ``largest`` when nothing is hit [m].
     """
-    out[:] = largest
+    for i in range(len(out)):  # numpy's forms take numba longer to compile than all the rest
+        out[i] = largest
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     for p in range(len(pedestrians)):
         x, y = pedestrians[p, 0] - pose[0], pedestrians[p, 1] - pose[1]
@@ -57,10 +59,13 @@ def cast_rays(
         x1, y1 = cosine * x1 + sine * y1, cosine * y1 - sine * x1
         x2, y2 = cosine * x2 + sine * y2, cosine * y2 - sine * x2
         _segment(x1, y1, x2, y2, beams, out)
-    return float(out.min())
+    nearest = np.float64(largest)
+    for i in range(len(out)):
+        nearest = min(nearest, np.float64(out[i]))
+    return nearest
 
 
-@njit(cache=True)
+@compiled()
 def _visited(first: float, span: float, turn: int, beams: NDArray[np.float64]) -> tuple[int, int]:
     """Beams between the angles first and first + span, less ``turn`` circles: a half-open range.
 
@@ -72,7 +77,7 @@ def _visited(first: float, span: float, turn: int, beams: NDArray[np.float64]) -
     return lowest, min(len(beams), int(np.ceil((offset + span) / spacing)) + 1)
 
 
-@njit(cache=True)
+@compiled()
 def _circle(
     x: float,
     y: float,
@@ -84,7 +89,8 @@ def _circle(
     """Shorten the beams that meet a circle at (x, y) in the sensor frame."""
     squared = x * x + y * y
     if squared <= radius * radius:
-        out[:] = 0.0
+        for i in range(len(out)):
+            out[i] = 0.0
         return
     distance = np.sqrt(squared)
     if distance - radius >= largest:
@@ -99,7 +105,7 @@ def _circle(
                 out[i] = min(out[i], along - np.sqrt(inside))
 
 
-@njit(cache=True)
+@compiled()
 def _segment(
     x1: float,
     y1: float,

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 AGENT_HORIZON = 2.0
 """Time for which a velocity must be free of collisions with people and robots [s]."""
@@ -31,7 +32,7 @@ _PARALLEL = 1e-9
 """Sine of the angle below which two lines count as parallel."""
 
 
-@numba.njit(cache=True)
+@compiled()
 def orca_velocities(
     position: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -91,7 +92,7 @@ def orca_velocities(
     )
 
 
-@numba.njit(cache=True)
+@compiled()
 def orca_velocities_with(
     agent_horizon: float,
     static_horizon: float,
@@ -117,7 +118,7 @@ def orca_velocities_with(
     projected = np.empty_like(lines)
     for p in range(people):
         x, y, vx, vy = position[p, 0], position[p, 1], velocity[p, 0], velocity[p, 1]
-        count = 0
+        count = np.int64(0)  # no literal: numba would compile everything below for it as well
         for s in range(len(walls)):
             if _wall_line(x, y, walls[s], radius, static_horizon, step, max_speed[p], lines[count]):
                 count += 1
@@ -153,13 +154,13 @@ def orca_velocities_with(
                 )
                 count += 1
         wx, wy = preferred[p, 0], preferred[p, 1]
-        failed, rx, ry = _nearest_velocity(lines, count, max_speed[p], wx, wy, False)
+        failed, rx, ry = _nearest_velocity(lines, count, max_speed[p], wx, wy, 0.0)
         if failed < count:
             rx, ry = _least_violation(lines, count, static, failed, max_speed[p], rx, ry, projected)
         out[p, 0], out[p, 1] = rx, ry
 
 
-@numba.njit(cache=True)
+@compiled()
 def _disc_line(dx, dy, vx, vy, ux, uy, reach, horizon, step, share, line):  # type: ignore[no-untyped-def]
     """Half-plane of a disc at (dx, dy) that moves with (ux, uy) (section 4 of the paper).
 
@@ -201,7 +202,7 @@ def _disc_line(dx, dy, vx, vy, ux, uy, reach, horizon, step, share, line):  # ty
     line[0], line[1] = vx + share * cx, vy + share * cy
 
 
-@numba.njit(cache=True)
+@compiled()
 def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ignore[no-untyped-def]
     """Half-plane of a wall (section 5.3: static obstacles, with optimisation velocity 0).
 
@@ -224,7 +225,7 @@ def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ign
     return True
 
 
-@numba.njit(cache=True)
+@compiled()
 def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-untyped-def]
     """Best permitted velocity on line i given lines 0..i-1: (feasible, x, y)."""
     px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
@@ -248,22 +249,23 @@ def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-unty
             low = max(low, t)
         if low > high:
             return False, 0.0, 0.0
-    if as_direction:
+    if as_direction > 0.0:
         t = high if wx * dx + wy * dy > 0.0 else low
     else:
         t = min(high, max(low, dx * (wx - px) + dy * (wy - py)))
     return True, px + t * dx, py + t * dy
 
 
-@numba.njit(cache=True)
+@compiled()
 def _nearest_velocity(lines, count, max_speed, wx, wy, as_direction):  # type: ignore[no-untyped-def]
     """Permitted velocity nearest to (wx, wy), or farthest along it if that is a direction.
 
+    ``as_direction`` is 1.0 or 0.0: for a bool numba would compile this once for either value.
     Returns (i, x, y): i is the first line that cannot be satisfied together with those before it,
     ``count`` if there is none; (x, y) satisfies all lines before i.
     """
     speed = math.hypot(wx, wy)
-    if speed > max_speed or (as_direction and speed > 0.0):
+    if speed > max_speed or (as_direction > 0.0 and speed > 0.0):
         x, y = wx * max_speed / speed, wy * max_speed / speed
     else:
         x, y = wx, wy
@@ -276,7 +278,7 @@ def _nearest_velocity(lines, count, max_speed, wx, wy, as_direction):  # type: i
     return count, x, y
 
 
-@numba.njit(cache=True)
+@compiled()
 def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  # type: ignore[no-untyped-def]
     """Velocity whose largest violation of a moving neighbour's half-plane is least.
 
@@ -289,9 +291,10 @@ def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  
         px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if dx * (py - y) - dy * (px - x) <= worst:
             continue
-        kept = 0
+        kept = np.int64(0)
         for j in range(static):
-            projected[kept] = lines[j]
+            for column in range(4):  # assigning the row compiles numpy's message about shapes too
+                projected[kept, column] = lines[j, column]
             kept += 1
         for j in range(static, i):
             qx, qy, ex, ey = lines[j, 0], lines[j, 1], lines[j, 2], lines[j, 3]
@@ -307,7 +310,7 @@ def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  
             norm = math.hypot(fx, fy)
             projected[kept, 2], projected[kept, 3] = fx / norm, fy / norm
             kept += 1
-        failed, nx, ny = _nearest_velocity(projected, kept, max_speed, -dy, dx, True)
+        failed, nx, ny = _nearest_velocity(projected, kept, max_speed, -dy, dx, 1.0)
         if failed == kept:
             x, y = nx, ny
         worst = dx * (py - y) - dy * (px - x)

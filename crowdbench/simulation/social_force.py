@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 RELAXATION_TIME = 0.54
 """tau: time in which the preferred velocity is regained [s]."""
@@ -42,7 +43,7 @@ NEIGHBOUR_DISTANCE = 5.0
 """Centre distance beyond which people and robots are not considered [m]."""
 
 
-@numba.njit(cache=True)
+@compiled()
 def social_force_velocities(
     position: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -130,7 +131,7 @@ def social_force_velocities(
         out[p, 0], out[p, 1] = scale * wx, scale * wy
 
 
-@numba.njit(cache=True)
+@compiled()
 def _interaction(dx, dy, rx, ry, extra):  # type: ignore[no-untyped-def]
     """Acceleration due to a neighbour at (dx, dy) [m], relative velocity v_i - v_j = (rx, ry).
 
@@ -156,7 +157,7 @@ def _interaction(dx, dy, rx, ry, extra):  # type: ignore[no-untyped-def]
     return brake * tx - swerve * ty, brake * ty + swerve * tx
 
 
-@numba.njit(cache=True)
+@compiled()
 def _repulsion(dx, dy, reach):  # type: ignore[no-untyped-def]
     """Acceleration away from a boundary point; (dx, dy) points from it to the pedestrian [m]."""
     distance = math.hypot(dx, dy)

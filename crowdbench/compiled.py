@@ -1,0 +1,86 @@
+"""Numba's compiler with a cache that lasts: a function is compiled once per machine, not per start.
+
+Numba keeps machine code beside the source file, where a reinstallation removes it and a read-only
+installation has no room for it. Here it is kept in the user's cache folder, apart for every state
+of the sources: a function that calls a changed one in another file is compiled anew as well.
+``NUMBA_CACHE_DIR``, if set, comes first; without any folder to write to, one below the system's
+folder for temporary files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+import platformdirs
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(**options: Any) -> Callable[[F], F]:
+    """Decorate a function for ``numba.njit``, with ``options`` as there and a lasting cache."""
+
+    def decorate(function: F) -> F:
+        package = sys.modules[function.__module__.partition(".")[0]]
+        folder = cache_folder() / _state(package.__name__, package.__path__[0])
+        config: Any = numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+        try:
+            result: F = numba.njit(cache=True, **options)(function)
+            return result
+        finally:
+            config.CACHE_DIR = before
+
+    return decorate
+
+
+@cache
+def cache_folder() -> Path:
+    """The first folder for machine code that can be written to."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    folders = [Path(chosen)] if chosen else []
+    folders.append(Path(platformdirs.user_cache_dir("crowdbench", appauthor=False)) / "compiled")
+    for folder in folders:
+        if _can_be_used(folder):
+            return folder
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    last = Path(tempfile.gettempdir()) / f"crowdbench-{user}"
+    return last if _can_be_used(last) and _is_mine(last) else Path(tempfile.mkdtemp())
+
+
+def _can_be_used(folder: Path) -> bool:
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _is_mine(folder: Path) -> bool:
+    """Whether nobody else could have put something there: machine code is loaded unseen."""
+    if not hasattr(os, "getuid"):
+        return True
+    status = folder.lstat()
+    private = not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and private
+
+
+@cache
+def _state(name: str, folder: str) -> str:
+    """Name of a package with a hash of its compiled sources and of crowdbench's."""
+    digest = hashlib.sha256()
+    for place in dict.fromkeys([str(Path(__file__).parent), folder]):
+        for path in sorted(Path(place).rglob("*.py")):
+            content = path.read_bytes()
+            if b"@compiled" in content:
+                digest.update(path.relative_to(place).as_posix().encode() + content)
+    return f"{name}-{digest.hexdigest()[:12]}"

@@ -1,1 +1,0 @@
-"""Turning stored numbers into tables, figures and pages."""

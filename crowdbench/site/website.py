@@ -1,0 +1,247 @@
+"""The report page: a folder that a browser opens from the disk, without a server or a network."""
+
+from __future__ import annotations
+
+import shutil
+import urllib.parse
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.metrics import METRICS
+from crowdbench.evaluation.results import load_results, slug
+from crowdbench.evaluation.trajectories import TrajectoryStore
+from crowdbench.site.cards import agent_card, html_from_markdown
+from crowdbench.site.leaderboard import (
+    cell_documents,
+    find_cell_scenario,
+    metric_documents,
+    scenario_document,
+)
+from crowdbench.site.replay import (
+    Recording,
+    find_recording,
+    find_scenario,
+    script_json,
+    write_replays,
+)
+
+MARK = "crowdbench-report"
+"""A file that says that a folder is one of these pages, and may be written over."""
+
+
+class Site(NamedTuple):
+    """What was written.
+
+    Attributes:
+        page: the file to open.
+        cells: agents in scenarios.
+        episodes: stored rows behind them.
+        replays: episodes that can be watched.
+    """
+
+    page: Path
+    cells: int
+    episodes: int
+    replays: int
+
+
+class SiteTable(NamedTuple):
+    """A table to show.
+
+    Attributes:
+        title: its heading.
+        text: the table in Markdown.
+    """
+
+    title: str
+    text: str
+
+
+class SiteFigure(NamedTuple):
+    """A figure to show.
+
+    Attributes:
+        title: its heading.
+        caption: what it shows.
+        png, pdf: its files, which are copied.
+    """
+
+    title: str
+    caption: str
+    png: Path
+    pdf: Path
+
+
+def write_report_page(
+    results: Path,
+    output: Path,
+    main_metrics: Collection[str] = tuple(METRICS),
+    tables: Sequence[SiteTable] = (),
+    figures: Sequence[SiteFigure] = (),
+) -> Site:
+    """Write the whole page: leaderboards, tables, figures, agents and replays.
+
+    Args:
+        results: results folder.
+        output: folder of the page; an older page there is replaced.
+        main_metrics: what leaderboards show unless all are asked for.
+        tables, figures: to show beside the leaderboards.
+
+    Raises:
+        ResultsError: nothing is stored, something cannot be read, or the output is in the way.
+    """
+    rows = load_results(results)
+    if rows.empty:
+        raise ResultsError(f"{results}: no episodes are stored here; crowdbench run stores some")
+    trajectories = TrajectoryStore(results)
+    with _Writing(output):
+        cells, scenarios = [], {}
+        for cell, document in cell_documents(rows):
+            scenario = find_cell_scenario(cell, results)
+            # Rows of a scenario that is defined otherwise by now are not set beside new ones.
+            old = scenario is None and "@" not in cell.scenario
+            label = f"{cell.scenario}@{cell.scenario_digest}" if old else cell.scenario
+            scenarios[label] = scenario_document(label, scenario)
+            recording = find_recording(trajectories.path(cell), cell.identity)
+            files, replays = (
+                ([], []) if recording is None else write_replays(recording, scenario, output)
+            )
+            cells.append({**document, "scenario": label, "files": files, "replays": replays})
+        _write_index(
+            output,
+            {
+                "start": "",
+                "metrics": metric_documents(main_metrics),
+                "scenarios": list(scenarios.values()),
+                "agents": _agents(cell["agent"] for cell in cells),
+                "cells": cells,
+                "tables": [
+                    {"title": table.title, "html": html_from_markdown(table.text)}
+                    for table in tables
+                ],
+                "figures": _figures(figures, output),
+            },
+        )
+    return Site(
+        output / "index.html",
+        len(cells),
+        sum(cell["episodes"] for cell in cells),
+        sum(replay["file"] is not None for cell in cells for replay in cell["replays"]),
+    )
+
+
+def write_replay_page(recordings: Iterable[Recording], output: Path) -> Site:
+    """Write a page that holds replays alone and begins with the first of them.
+
+    Args:
+        recordings: what to show.
+        output: folder of the page; an older page there is replaced.
+
+    Raises:
+        ResultsError: something cannot be read, or the output is in the way.
+    """
+    recordings = list(recordings)
+    with _Writing(output):
+        cells, scenarios = [], {}
+        for recording in recordings:
+            scenario = find_scenario(recording.scenario, recording.digest, _definition(recording))
+            scenarios[recording.scenario] = scenario_document(recording.scenario, scenario)
+            files, replays = write_replays(recording, scenario, output)
+            cells.append(
+                {
+                    "scenario": recording.scenario,
+                    "agent": recording.agent,
+                    "files": files,
+                    "replays": replays,
+                }
+            )
+        first, entry = recordings[0], recordings[0].entries[0]
+        _write_index(
+            output,
+            {
+                "start": replay_link(first.scenario, first.agent, entry.seed, entry.robot),
+                "metrics": [],
+                "scenarios": list(scenarios.values()),
+                "agents": [],
+                "cells": cells,
+                "tables": [],
+                "figures": [],
+            },
+        )
+    shown = sum(len(recording.entries) for recording in recordings)
+    return Site(output / "index.html", len(cells), shown, shown)
+
+
+def replay_link(scenario: str, agent: str, seed: int, robot: str = "robot_0") -> str:
+    """The part of an address, from ``#`` on, that opens an episode."""
+    place = {"scenario": scenario, "seed": seed, "agent": agent, "robot": robot}
+    return "#/replay?" + urllib.parse.urlencode(place)
+
+
+class _Writing:
+    """Makes the folder, replaces what an older page left in it, and translates errors."""
+
+    def __init__(self, output: Path) -> None:
+        self._output = output
+
+    def __enter__(self) -> None:
+        output = self._output
+        try:
+            if output.is_dir() and any(output.iterdir()) and not (output / MARK).exists():
+                raise ResultsError(
+                    f"{output}: holds other files than a report page; choose another --output"
+                )
+            for folder in ("data", "figures"):
+                shutil.rmtree(output / folder, ignore_errors=True)
+            output.mkdir(parents=True, exist_ok=True)
+            (output / MARK).write_text("Made by crowdbench; written over by the next page.\n")
+            (output / "data").mkdir()
+            for source in (resources.files("crowdbench.site") / "static").iterdir():
+                (output / source.name).write_bytes(source.read_bytes())
+        except OSError as error:
+            raise self._translated(error) from error
+
+    def __exit__(self, kind: object, error: BaseException | None, place: object) -> None:
+        if isinstance(error, OSError):
+            raise self._translated(error) from error
+
+    def _translated(self, error: OSError) -> ResultsError:
+        reason = error.strerror or str(error)
+        return ResultsError(f"{self._output}: the page cannot be written ({reason})")
+
+
+def _write_index(output: Path, index: Mapping[str, Any]) -> None:
+    document = {"version": version("crowdbench-nav"), **index}
+    text = f"crowdbench.index = {script_json(document)};\n"
+    (output / "data" / "index.js").write_text(text, encoding="ascii")
+
+
+def _definition(recording: Recording) -> Path:
+    """Where a results folder has a scenario's definition, seen from the trajectory file."""
+    return recording.path.parents[2] / "episodes" / slug(recording.scenario)
+
+
+def _agents(names: Iterable[str]) -> list[dict[str, str]]:
+    return [{"name": name, **agent_card(name)} for name in sorted(set(names))]
+
+
+def _figures(figures: Sequence[SiteFigure], output: Path) -> list[dict[str, str]]:
+    """Copy the files; addresses are relative to the page."""
+    documents = []
+    for figure in figures:
+        (output / "figures").mkdir(exist_ok=True)
+        for path in (figure.png, figure.pdf):
+            shutil.copyfile(path, output / "figures" / path.name)
+        documents.append(
+            {
+                "title": figure.title,
+                "caption": figure.caption,
+                "png": f"figures/{figure.png.name}",
+                "pdf": f"figures/{figure.pdf.name}",
+            }
+        )
+    return documents

@@ -1,0 +1,113 @@
+"""What episodes say about a study: its claims, and the reference's orders and values, tested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from crowdbench.evaluation.statistics import holm
+from crowdbench.study.measurements import Difference, Measurements
+from crowdbench.study.model import Claim, Table
+from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, sign
+
+Verdict = Literal["holds", "fails", "undecided", "not yet run"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A claim with what the episodes say about it.
+
+    Attributes:
+        difference: of the means, x - (factor y + margin), over the seeds that both ran.
+        p: after Holm over the claims of the same table.
+    """
+
+    claim: Claim
+    difference: Difference
+    p: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """Holds or fails where the difference is significant, in or against its direction."""
+        return _verdict(self.difference, self.p, sign(self.claim.metric))
+
+
+@dataclass(frozen=True)
+class Order:
+    """Two entries of a column that the reference puts in an order: ``better`` before ``worse``."""
+
+    table: Table
+    better: Entry
+    worse: Entry
+    difference: Difference
+    p: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """As of a claim."""
+        return _verdict(self.difference, self.p, sign(self.better.quantity.metric))
+
+
+def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Finding]:
+    """Test every claim by a paired permutation test, corrected after Holm over each table."""
+    differences = [
+        measured.difference(
+            (claim.better, claim.scenarios),
+            (claim.worse, claim.scenarios),
+            claim.metric,
+            claim.factor,
+            claim.margin,
+        )
+        for claim in claims
+    ]
+    adjusted = np.full(len(claims), np.nan)
+    for table in {claim.table for claim in claims}:
+        here = [number for number, claim in enumerate(claims) if claim.table == table]
+        adjusted[here] = holm([differences[number].p for number in here])
+    return [
+        Finding(claim, difference, float(p))
+        for claim, difference, p in zip(claims, differences, adjusted, strict=True)
+    ]
+
+
+def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order]:
+    """Test every order of two methods in one column of the reference, after Holm over each table.
+
+    Equal values are no order, and quantities that are not judged have none.
+    """
+    found = []
+    for filled in tables:
+        pairs = []
+        for one in filled.entries:
+            for other in filled.entries:
+                if (one.block, one.quantity) != (other.block, other.quantity):
+                    continue
+                if one.reference is None or other.reference is None or not one.quantity.judged:
+                    continue
+                if sign(one.quantity.metric) * (one.reference - other.reference) > 0:
+                    pairs.append((one, other))
+        differences = [
+            measured.difference(
+                (one.method.agent, one.block.scenarios),
+                (other.method.agent, other.block.scenarios),
+                one.quantity.metric,
+            )
+            for one, other in pairs
+        ]
+        adjusted = holm([difference.p for difference in differences])
+        found += [
+            Order(filled.table, one, other, difference, float(p))
+            for (one, other), difference, p in zip(pairs, differences, adjusted, strict=True)
+        ]
+    return found
+
+
+def _verdict(difference: Difference, p: float, better: int) -> Verdict:
+    if np.isnan(p):
+        return "not yet run"
+    if p >= SIGNIFICANCE:
+        return "undecided"
+    return "holds" if better * difference.mean > 0 else "fails"

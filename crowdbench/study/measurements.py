@@ -1,0 +1,104 @@
+"""Stored episodes, as tables and figures ask for them: means, differences and their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from crowdbench.evaluation.resampling import bootstrap_mean, sign_flip_p
+from crowdbench.evaluation.results import load_results, scenario_label
+from crowdbench.evaluation.statistics import Estimate, wilson_interval
+from crowdbench.scenario import load_scenario
+from crowdbench.study.model import Cell
+
+
+class Difference(NamedTuple):
+    """A mean paired difference with its interval and p-value; n pairs had both values."""
+
+    mean: float
+    low: float
+    high: float
+    n: int
+    p: float
+
+
+class Measurements:
+    """What the stored episodes of a plan say. Everything is computed once."""
+
+    def __init__(self, episodes: pd.DataFrame, plan: Sequence[Cell]) -> None:
+        """Keep the episodes that the plan asks for, of the scenarios as they are now.
+
+        Args:
+            episodes: as ``load_results`` returns them.
+            plan: what a study needs, see ``Study.cells``.
+        """
+        self.plan = list(plan)
+        worlds = {name: load_scenario(name) for name in {cell.scenario for cell in self.plan}}
+        wanted = pd.DataFrame(self.plan, columns=["named", *Cell._fields[1:]])
+        named = wanted["named"]
+        wanted["scenario"] = named.map({name: scenario_label(w) for name, w in worlds.items()})
+        wanted["scenario_digest"] = named.map({name: w.digest for name, w in worlds.items()})
+        kept = episodes[episodes["robot"] == "robot_0"].merge(
+            wanted, on=["scenario", "agent", "scenario_digest"]
+        )
+        kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
+        self.episodes = kept.drop(columns=["episodes", "named"])
+        self._cells = {
+            key: rows.set_index("seed").sort_index()
+            for key, rows in kept.groupby(["agent", "named"], sort=False)
+        }
+        # Tables share many cells; asking again costs nothing.
+        self.mean = cache(self._mean)
+        self.difference = cache(self._difference)
+
+    @classmethod
+    def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
+        """Read a results folder."""
+        return cls(load_results(folder), plan)
+
+    def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
+        """How many episodes are stored."""
+        return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
+
+    def _mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
+        """Mean over the episodes of all scenarios: Wilson for success, else bootstrap."""
+        values = np.concatenate([self._values(agent, name, metric) for name in scenarios])
+        return wilson_interval(values) if metric == "success" else bootstrap_mean(values)
+
+    def _difference(
+        self,
+        first: tuple[str, tuple[str, ...]],
+        second: tuple[str, tuple[str, ...]],
+        metric: str,
+        factor: float = 1.0,
+        margin: float = 0.0,
+    ) -> Difference:
+        """First less (factor x second + margin), over the seeds that both ran.
+
+        Args:
+            first, second: agent and scenarios; the scenarios are paired in their order.
+            metric: name in ``METRICS``.
+            factor, margin: see above; 1 and 0 give the plain difference.
+        """
+        pairs = []
+        for one, other in zip(first[1], second[1], strict=True):
+            a, b = self._rows(first[0], one), self._rows(second[0], other)
+            shared = a.index.intersection(b.index)
+            if len(shared):
+                x = a.loc[shared, metric].to_numpy(dtype=float)
+                pairs.append(x - factor * b.loc[shared, metric].to_numpy(dtype=float) - margin)
+        differences = np.concatenate([np.empty(0), *pairs])
+        return Difference(*bootstrap_mean(differences), sign_flip_p(differences))
+
+    def _rows(self, agent: str, scenario: str) -> pd.DataFrame:
+        return self._cells.get((agent, scenario), pd.DataFrame(index=pd.Index([], name="seed")))
+
+    def _values(self, agent: str, scenario: str, metric: str) -> NDArray[np.float64]:
+        rows = self._rows(agent, scenario)
+        return rows[metric].to_numpy(dtype=float) if len(rows) else np.empty(0)

@@ -1,0 +1,170 @@
+"""Tables filled with measured values: value, interval, reference value, what is best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from crowdbench.evaluation.metrics import METRICS
+from crowdbench.evaluation.statistics import Estimate, holm
+from crowdbench.study.measurements import Measurements
+from crowdbench.study.model import Block, Method, Quantity, Study, Table
+
+SIGNIFICANCE = 0.05
+
+State = Literal["measured", "partial", "undefined", "missing"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One cell of a table; numbers in the stored unit.
+
+    Attributes:
+        estimate: mean and interval over the episodes in which the metric is defined.
+        episodes: stored.
+        planned: episodes that the plan asks for.
+        reference: the value from elsewhere, if there is one.
+        bold: among the best of its column, see ``fill``.
+        p: of the difference from the best of its column, after Holm; NaN for the best itself and
+            where nothing is compared.
+    """
+
+    block: Block
+    method: Method
+    quantity: Quantity
+    estimate: Estimate
+    episodes: int
+    planned: int
+    reference: float | None
+    bold: bool = False
+    p: float = np.nan
+
+    @property
+    def state(self) -> State:
+        """Whether there is a number, and whether all episodes are behind it."""
+        if self.episodes == 0:
+            return "missing"
+        if self.estimate.n == 0:
+            return "undefined"
+        return "measured" if self.episodes == self.planned else "partial"
+
+    @property
+    def excludes_reference(self) -> bool:
+        """Whether the interval lies apart from all values that round to the reference."""
+        if self.reference is None or np.isnan(self.estimate.low):
+            return False
+        slack = self.quantity.rounding + 1e-12
+        return not self.estimate.low - slack <= self.reference <= self.estimate.high + slack
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A table with all its entries, by block, then method, then quantity.
+
+    Attributes:
+        source: whose the reference values are; empty without any.
+    """
+
+    table: Table
+    entries: tuple[Entry, ...]
+    source: str = ""
+
+    def row(self, block: Block, method: Method) -> list[Entry]:
+        """The entries of one line, in the order of the quantities."""
+        return [entry for entry in self.entries if (entry.block, entry.method) == (block, method)]
+
+    def states(self) -> set[State]:
+        """Which states occur."""
+        return {entry.state for entry in self.entries}
+
+
+def fill_all(study: Study, measured: Measurements) -> list[Filled]:
+    """Fill every table of a study."""
+    return [fill(table, measured, study.source) for table in study.tables]
+
+
+def fill(table: Table, measured: Measurements, source: str = "the reference") -> Filled:
+    """Fill a table and mark what is best.
+
+    In each column the method with the best mean is tested against every other one, on the seeds
+    that both ran (paired permutation test), and the p-values are corrected after Holm over the
+    whole table. Bold are the best and those that cannot be told from it, provided that at least
+    one method is told from it; digits alone make nothing bold. Bounds take no part.
+    """
+    entries = [
+        _entry(table, block, method, quantity, measured)
+        for block in table.blocks
+        for method in table.methods
+        for quantity in table.quantities
+    ]
+    comparisons: list[tuple[int, int, float]] = []
+    for block in table.blocks:
+        for quantity in table.quantities:
+            column = [
+                number
+                for number, entry in enumerate(entries)
+                if (entry.block, entry.quantity) == (block, quantity)
+                and not entry.method.bound
+                and entry.estimate.n
+            ]
+            comparisons += _compare_with_best(entries, column, measured)
+    adjusted = holm([p for _, _, p in comparisons])
+    for (_, number, _), p in zip(comparisons, adjusted, strict=True):
+        entries[number] = replace(entries[number], p=float(p))
+    for best in dict.fromkeys(best for best, _, _ in comparisons):
+        others = [number for leader, number, _ in comparisons if leader == best]
+        worse = {number for number in others if entries[number].p < SIGNIFICANCE}
+        if worse:
+            for number in {best, *others} - worse:
+                entries[number] = replace(entries[number], bold=True)
+    return Filled(table, tuple(entries), source if table.reference else "")
+
+
+def sign(metric: str) -> int:
+    """1 if more of a metric is better, -1 if less is."""
+    return 1 if METRICS[metric].better == "higher" else -1
+
+
+def _entry(
+    table: Table,
+    block: Block,
+    method: Method,
+    quantity: Quantity,
+    measured: Measurements,
+) -> Entry:
+    return Entry(
+        block,
+        method,
+        quantity,
+        measured.mean(method.agent, block.scenarios, quantity.metric),
+        episodes=measured.count(method.agent, block.scenarios),
+        planned=method.episodes * len(block.scenarios),
+        reference=table.reference.get((block.heading, method.label, quantity.metric)),
+    )
+
+
+def _compare_with_best(
+    entries: list[Entry], column: list[int], measured: Measurements
+) -> list[tuple[int, int, float]]:
+    """Test the best of a column against each other entry: (best, other, p)."""
+    if len(column) < 2:
+        return []
+    metric = entries[column[0]].quantity.metric
+    better = sign(metric)
+    best = max(column, key=lambda number: better * entries[number].estimate.mean)
+    found = []
+    for number in column:
+        if number == best:
+            continue
+        first, second = (
+            (entries[n].method.agent, entries[n].block.scenarios) for n in (best, number)
+        )
+        difference = measured.difference(first, second, metric)
+        if not difference.n:
+            continue
+        # On the seeds that both ran, the order of the two may be the other way round.
+        ahead = better * difference.mean > 0
+        found.append((best, number, difference.p if ahead else 1.0))
+    return found
