@@ -7,7 +7,7 @@ The names in ``__all__`` are the public interface:
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
-- ``Episode``: the log of one robot's run;
+- ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
 - ``orca_velocities``: how the pedestrians avoid each other.
 
 ``crowdbench --help`` says what the command line can do.
@@ -26,6 +26,7 @@ from crowdbench.scenario import Scenario, ScenarioError, load_scenario, scenario
 
 if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
+    from crowdbench.evaluation.metric import Metric
     from crowdbench.simulation.env import CrowdEnv, parallel_env
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.orca import orca_velocities
@@ -35,6 +36,7 @@ _LAZY = {
     "CrowdEnv": "crowdbench.simulation.env",
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
     "Episode": "crowdbench.evaluation.episode",
+    "Metric": "crowdbench.evaluation.metric",
     "orca_velocities": "crowdbench.simulation.orca",
     "parallel_env": "crowdbench.simulation.env",
 }
@@ -47,6 +49,7 @@ __all__ = [
     "CrowdEnv",
     "CrowdNavEnv",
     "Episode",
+    "Metric",
     "Observation",
     "RobotSpec",
     "Scenario",

@@ -14,17 +14,6 @@ DEFAULT_AGENT = "latent_planner"
 DEFAULT_SCENARIO = "multimodal_fast"
 RESULTS = Path("results")
 
-TABLE_METRICS = (
-    "success",
-    "spl",
-    "smoothness",
-    "inference_s",
-    "cutoff",
-    "min_dist",
-    "ttc_below_1s",
-)
-"""The paper's metrics, which tables show unless others are asked for."""
-
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field, e.g. pedestrians.count=12."),

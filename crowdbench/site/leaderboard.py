@@ -2,44 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.resampling import bootstrap_mean
 from crowdbench.evaluation.results import Cell, slug
-from crowdbench.evaluation.statistics import Estimate, wilson_interval
+from crowdbench.evaluation.statistics import estimate, per_episode
 from crowdbench.scenario import Scenario, scenario_names
 from crowdbench.site.replay import find_scenario
-from crowdbench.study.plan import TABLES
 
-MAIN_METRICS = {quantity.metric for table in TABLES for quantity in table.quantities}
-"""Those of the paper's tables, which are shown unless all are asked for."""
 _SHOWN_ERRORS = 20
-_PRINTED = {"inference_s": (1000.0, "ms")}
 
 
 def metric_documents() -> list[dict[str, Any]]:
     """What the page has to know of each metric; ``scale`` leads to the printed unit."""
-    documents = []
-    for name, metric in METRICS.items():
-        scale, unit = _PRINTED.get(name, (1.0, metric.unit))
-        documents.append(
-            {
-                "name": name,
-                "label": name.removesuffix("_s").replace("_", " "),
-                "unit": unit,
-                "scale": scale,
-                "better": metric.better,
-                "definition": metric.definition,
-                "main": name in MAIN_METRICS,
-            }
-        )
-    return documents
+    return [
+        {
+            "name": name,
+            "label": metric.title(name),
+            "unit": metric.printed_unit,
+            "scale": metric.scale,
+            "digits": metric.digits,
+            "better": metric.better,
+            "definition": metric.definition,
+            "main": metric.main,
+        }
+        for name, metric in METRICS.items()
+    ]
 
 
 def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
@@ -93,10 +84,7 @@ def find_cell_scenario(cell: Cell, results: Path) -> Scenario | None:
 def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     outcomes = rows["outcome"].value_counts()
     failed = rows[rows["error"] != ""].head(_SHOWN_ERRORS)
-    # The robots of one episode are no independent observations.
-    several = rows["robot"].nunique() > 1
-    names = [name for name in METRICS if name in rows]
-    episodes = rows.groupby("seed", sort=True)[names].mean() if several else rows
+    values = per_episode(rows, METRICS)
     return {
         "agent": cell.agent,
         "version": cell.version,
@@ -109,14 +97,5 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
             [int(seed), str(error)]
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
-        "estimates": [_estimate(episodes, name, exact=not several) for name in METRICS],
+        "estimates": [list(estimate(metric, values[name])) for name, metric in METRICS.items()],
     }
-
-
-def _estimate(episodes: pd.DataFrame | Mapping[str, Any], name: str, exact: bool) -> list[Any]:
-    """Mean, low, high and number of episodes; Wilson where every value is a yes or a no."""
-    if name not in episodes:
-        return list(Estimate(np.nan, np.nan, np.nan, 0))
-    values = np.asarray(episodes[name], dtype=float)
-    found = wilson_interval(values) if name == "success" and exact else bootstrap_mean(values)
-    return [*map(float, found[:3]), int(found.n)]
