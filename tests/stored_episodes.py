@@ -6,6 +6,7 @@ import dataclasses
 import json
 
 import pytest
+from crowdbench_studies.paper import STUDY
 
 from crowdbench.agent import AgentSpec
 from crowdbench.evaluation.metrics import METRICS
@@ -52,12 +53,8 @@ class Episodes:
         ResultsStore(self.folder).append(cell, rows)
 
     def measured(self, plan=None):
-        return Measurements.load(self.folder) if plan is None else self._planned(plan)
-
-    def _planned(self, plan):
-        from crowdbench.evaluation.results import load_results
-
-        return Measurements(load_results(self.folder), plan)
+        """By default of what the paper's study needs."""
+        return Measurements.load(self.folder, STUDY.cells() if plan is None else plan)
 
 
 @pytest.fixture
@@ -67,11 +64,9 @@ def episodes(tmp_path):
 
 @pytest.fixture(scope="session")
 def many(tmp_path_factory):
-    """A folder with ten episodes in every cell of the plan, by a formula."""
-    from crowdbench.study.plan import cells
-
+    """A folder with ten episodes in every cell of the paper's study, by a formula."""
     store = Episodes(tmp_path_factory.mktemp("many"))
-    for number, cell in enumerate(cells()):
+    for number, cell in enumerate(STUDY.cells()):
         seeds = range(10)
         success = [float((seed * 7 + number) % 10 < 8) for seed in seeds]
         store.add(

@@ -7,6 +7,7 @@ import io
 import json
 import re
 import webbrowser
+from collections import defaultdict
 from pathlib import Path
 from urllib.parse import unquote_plus
 
@@ -16,6 +17,7 @@ from crowdbench.cli import main
 from crowdbench.evaluation import human
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.rollout import run_episode
+from crowdbench.study import figures
 
 TINY = """
 extends: multimodal_fast
@@ -67,6 +69,26 @@ def test_report_writes_a_page_beside_the_results(place, capsys):
     assert page.is_file()
     cells = {cell["agent"]: cell for cell in index(page)["cells"]}
     assert [len(cells[name]["replays"]) for name in sorted(cells)] == [0, 2, 2]
+
+
+def test_report_shows_the_tables_of_which_a_cell_has_been_run(
+    many, episodes, tmp_path, monkeypatch
+):
+    drawn = []
+    monkeypatch.setattr(
+        figures, "save_figures", lambda drawings, *_: drawn.append(drawings) or defaultdict(bool)
+    )
+    for store, name in ((many, "many"), (episodes, "few")):
+        if store is episodes:
+            store.add("orca", "corridor_dense", success=[1])
+        output = tmp_path / name
+        assert main(["report", "--results", str(store.folder), "-o", str(output)]) == 0
+    tables = index(tmp_path / "many" / "index.html")["tables"]
+    numbers = ("I", "II", "III", "IV", "V", "VI", "VII")
+    assert [table["title"].split(":")[0] for table in tables] == [f"Table {n}" for n in numbers]
+    assert all("<table>" in table["html"] and "style=" not in table["html"] for table in tables)
+    assert index(tmp_path / "few" / "index.html")["tables"] == []
+    assert len(drawn) == 2
 
 
 def test_report_of_nothing_says_how_to_begin(tmp_path, capsys):

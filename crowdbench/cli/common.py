@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 DEFAULT_AGENT = "latent_planner"
 DEFAULT_SCENARIO = "multimodal_fast"
+DEFAULT_STUDY = "paper"
 RESULTS = Path("results")
 
 SetOption = Annotated[

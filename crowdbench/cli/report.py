@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import RESULTS, ResultsOption, out
+from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, ResultsOption, out
+
+if TYPE_CHECKING:
+    from crowdbench.site.website import SiteFigure, SiteTable
 
 
 def report(
@@ -20,10 +24,39 @@ def report(
     """Write a page with leaderboards, tables, figures and replays; it needs no server."""
     from crowdbench.site.website import write_report_page
 
-    site = write_report_page(results, output or results / "report")
+    with tempfile.TemporaryDirectory(prefix="crowdbench-figures-") as folder:
+        tables, figures = _of_study(results, Path(folder))
+        site = write_report_page(results, output or results / "report", tables, figures)
     out().print(
         f"{site.page}: {site.cells} leaderboard lines from {site.episodes:,} episodes, "
         f"{site.replays:,} replays",
         markup=False,
         soft_wrap=True,
     )
+
+
+def _of_study(results: Path, folder: Path) -> tuple[list[SiteTable], list[SiteFigure]]:
+    """The default study's tables of which something has been run, and its figures in a folder."""
+    from crowdbench.site.website import SiteFigure, SiteTable
+    from crowdbench.study.figures import save_figures
+    from crowdbench.study.formats import markdown
+    from crowdbench.study.library import load_study
+    from crowdbench.study.measurements import Measurements
+    from crowdbench.study.tables import fill_all
+
+    study = load_study(DEFAULT_STUDY)
+    measured = Measurements.load(results, study.cells())
+    if measured.episodes.empty:
+        return [], []
+    tables = [
+        SiteTable(f"Table {filled.table.number}: {filled.table.title}", markdown(filled))
+        for filled in fill_all(study, measured)
+        if filled.states() != {"missing"}
+    ]
+    there = save_figures(study.figures, measured, results, folder)
+    figures = [
+        SiteFigure(d.title, d.caption, folder / f"{d.name}.png", folder / f"{d.name}.pdf")
+        for d in study.figures
+        if there[d.name]
+    ]
+    return tables, figures

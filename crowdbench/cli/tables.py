@@ -1,4 +1,4 @@
-"""``crowdbench tables``: the paper's tables and figures from the stored episodes."""
+"""``crowdbench tables``: a study's tables, verdicts and figures from the stored episodes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import RESULTS, ResultsOption, err, out
+from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, ResultsOption, UserError, err, out
 
 if TYPE_CHECKING:
+    from crowdbench.study import Study
     from crowdbench.study.execution import Forecast
 
 _BETWEEN_LINES = 60.0
@@ -19,6 +20,9 @@ _BETWEEN_LINES = 60.0
 
 
 def tables(
+    study: Annotated[
+        str, typer.Argument(metavar="[STUDY]", help="Name of a study, or FILE.py with one.")
+    ] = DEFAULT_STUDY,
     run: Annotated[
         bool, typer.Option("--run", help="Run the episodes that are missing first.")
     ] = False,
@@ -27,24 +31,32 @@ def tables(
     ] = None,
     results: ResultsOption = RESULTS,
 ) -> None:
-    """Write the paper's tables and figures.
+    """Write a study's tables and figures, by default those of the paper.
 
-    They are made from the stored episodes, as is the README.md beside them.
+    They are made from the stored episodes, as are the verdicts and the README.md beside them. The
+    default study is written to the results folder, others to RESULTS/studies/NAME.
     """
+    from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
-    from crowdbench.study.report import write_report
+    from crowdbench.study.library import load_study
+    from crowdbench.study.output import write_study
 
-    complete = not run or _run(results, jobs or _cores())
+    try:
+        wanted = load_study(study)
+    except StudyError as error:
+        raise UserError(str(error)) from error
+    target = results if study == DEFAULT_STUDY else results / "studies" / wanted.name
+    complete = not run or _run(wanted, results, jobs or _cores())
     begun = time.perf_counter()
-    report = write_report(results)
+    written = write_study(wanted, results, target)
     console = out()
-    for filled in report.tables:
+    for filled in written.tables:
         console.print(terminal(filled))
         console.print()
-    planned = sum(cell.episodes for cell in report.measured.plan)
+    planned = sum(cell.episodes for cell in written.measured.plan)
     console.print(
-        f"{len(report.measured.episodes):,} of {planned:,} planned episodes; tables, figures and "
-        f"README.md are in {results} ({time.perf_counter() - begun:.1f} s)",
+        f"{len(written.measured.episodes):,} of {planned:,} planned episodes; tables, figures and "
+        f"README.md are in {target} ({time.perf_counter() - begun:.1f} s)",
         markup=False,
         soft_wrap=True,
     )
@@ -52,16 +64,16 @@ def tables(
         raise typer.Exit(1)
 
 
-def _run(folder: Path, jobs: int) -> bool:
+def _run(study: Study, folder: Path, jobs: int) -> bool:
     """Run what is missing; False if some agent could not be made."""
     from crowdbench.evaluation.appending import require_writable
     from crowdbench.study.execution import look, run_missing
-    from crowdbench.study.plan import cells
-    from crowdbench.study.readme import duration
+    from crowdbench.study.page import duration
 
     require_writable(folder)
     console = err()
-    outlook = look(cells())
+    plan = study.cells()
+    outlook = look(plan)
     reasons: dict[str, list[str]] = {}
     for agent, text in outlook.broken.items():
         reasons.setdefault(text.partition(": ")[2], []).append(agent)
@@ -70,7 +82,7 @@ def _run(folder: Path, jobs: int) -> bool:
         console.print(told, style="yellow", markup=False, soft_wrap=True)
     with _Display() as display:
         try:
-            forecast = run_missing(folder, outlook, jobs, display.update)
+            forecast = run_missing(folder, study, outlook, jobs, display.update)
         except KeyboardInterrupt:
             display.close()
             console.print(
@@ -78,7 +90,7 @@ def _run(folder: Path, jobs: int) -> bool:
                 style="yellow",
             )
             raise typer.Exit(130) from None
-    whole = forecast.seconds_for(cell for cell in cells() if cell.agent in outlook.weights)
+    whole = forecast.seconds_for(cell for cell in plan if cell.agent in outlook.weights)
     console.print(f"A full run with {jobs} processes takes about {duration(whole)}.")
     return not outlook.broken
 
@@ -120,7 +132,7 @@ class _Display:
 
     def update(self, done: int, total: int, forecast: Forecast) -> None:
         """Show how far the run has come."""
-        from crowdbench.study.readme import duration
+        from crowdbench.study.page import duration
 
         left = f"about {duration(forecast.seconds_left())} left"
         if forecast.unknown:

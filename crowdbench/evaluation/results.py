@@ -46,7 +46,7 @@ class Cell:
     Attributes:
         scenario: label of the scenario, see ``scenario_label``.
         scenario_digest: ``Scenario.digest``.
-        agent: the agent with its options, e.g. ``orca:horizon=2``.
+        agent: the agent with its options, e.g. ``NAME:horizon=2``.
         options: the options alone, JSON.
         version: of crowdbench.
         weights_sha256: hash of the agent's weights, empty without.
@@ -67,7 +67,7 @@ class Cell:
         return _identity(asdict(self))
 
     def path(self, folder: Path, kind: str, suffix: str) -> Path:
-        """The file of this cell, e.g. ``FOLDER/episodes/multimodal_fast/orca.csv``."""
+        """The file of this cell, e.g. ``FOLDER/episodes/multimodal_fast/AGENT.csv``."""
         return folder / kind / slug(self.scenario) / (slug(self.agent) + suffix)
 
 

@@ -34,7 +34,7 @@ def metric_documents() -> list[dict[str, Any]]:
 
 
 def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
-    """One document per scenario and agent, scenarios in the order of the paper's tables.
+    """One document per scenario and agent, scenarios in their own order.
 
     Args:
         rows: as ``load_results`` returns them.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import urllib.parse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -27,11 +27,6 @@ from crowdbench.site.replay import (
     script_json,
     write_replays,
 )
-from crowdbench.study.figures import DRAWINGS, save_figures
-from crowdbench.study.formats import markdown
-from crowdbench.study.measurements import Measurements
-from crowdbench.study.plan import TABLES
-from crowdbench.study.tables import fill
 
 MARK = "crowdbench-report"
 """A file that says that a folder is one of these pages, and may be written over."""
@@ -53,12 +48,45 @@ class Site(NamedTuple):
     replays: int
 
 
-def write_report_page(results: Path, output: Path) -> Site:
+class SiteTable(NamedTuple):
+    """A table to show.
+
+    Attributes:
+        title: its heading.
+        text: the table in Markdown.
+    """
+
+    title: str
+    text: str
+
+
+class SiteFigure(NamedTuple):
+    """A figure to show.
+
+    Attributes:
+        title: its heading.
+        caption: what it shows.
+        png, pdf: its files, which are copied.
+    """
+
+    title: str
+    caption: str
+    png: Path
+    pdf: Path
+
+
+def write_report_page(
+    results: Path,
+    output: Path,
+    tables: Sequence[SiteTable] = (),
+    figures: Sequence[SiteFigure] = (),
+) -> Site:
     """Write the whole page: leaderboards, tables, figures, agents and replays.
 
     Args:
         results: results folder.
         output: folder of the page; an older page there is replaced.
+        tables, figures: to show beside the leaderboards.
 
     Raises:
         ResultsError: nothing is stored, something cannot be read, or the output is in the way.
@@ -66,7 +94,6 @@ def write_report_page(results: Path, output: Path) -> Site:
     rows = load_results(results)
     if rows.empty:
         raise ResultsError(f"{results}: no episodes are stored here; crowdbench run stores some")
-    measured = Measurements(rows)
     trajectories = TrajectoryStore(results)
     with _Writing(output):
         cells, scenarios = [], {}
@@ -89,8 +116,11 @@ def write_report_page(results: Path, output: Path) -> Site:
                 "scenarios": list(scenarios.values()),
                 "agents": _agents(cell["agent"] for cell in cells),
                 "cells": cells,
-                "tables": _tables(measured),
-                "figures": _figures(measured, results, output),
+                "tables": [
+                    {"title": table.title, "html": html_from_markdown(table.text)}
+                    for table in tables
+                ],
+                "figures": _figures(figures, output),
             },
         )
     return Site(
@@ -196,28 +226,19 @@ def _agents(names: Iterable[str]) -> list[dict[str, str]]:
     return [{"name": name, **agent_card(name)} for name in sorted(set(names))]
 
 
-def _tables(measured: Measurements) -> list[dict[str, str]]:
-    """The paper's tables of which at least one cell has been run."""
-    filled = [fill(table, measured) for table in TABLES]
-    return [
-        {
-            "title": f"Table {one.table.number}: {one.table.title}",
-            "html": html_from_markdown(markdown(one)),
-        }
-        for one in filled
-        if one.states() != {"missing"}
-    ]
-
-
-def _figures(measured: Measurements, results: Path, output: Path) -> list[dict[str, str]]:
-    there = save_figures(measured, results, output / "figures")
-    return [
-        {
-            "title": drawing.title,
-            "caption": drawing.caption,
-            "png": f"figures/{drawing.name}.png",
-            "pdf": f"figures/{drawing.name}.pdf",
-        }
-        for drawing in DRAWINGS
-        if there[drawing.name]
-    ]
+def _figures(figures: Sequence[SiteFigure], output: Path) -> list[dict[str, str]]:
+    """Copy the files; addresses are relative to the page."""
+    documents = []
+    for figure in figures:
+        (output / "figures").mkdir(exist_ok=True)
+        for path in (figure.png, figure.pdf):
+            shutil.copyfile(path, output / "figures" / path.name)
+        documents.append(
+            {
+                "title": figure.title,
+                "caption": figure.caption,
+                "png": f"figures/{figure.png.name}",
+                "pdf": f"figures/{figure.pdf.name}",
+            }
+        )
+    return documents

@@ -1,4 +1,4 @@
-"""Where our numbers differ from the paper's: its claims, its orderings and its values, tested."""
+"""What episodes say about a study: its claims, and the reference's orders and values, tested."""
 
 from __future__ import annotations
 
@@ -8,49 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from crowdbench.evaluation.statistics import holm
-from crowdbench.study.measurements import Difference, Measurements
-from crowdbench.study.plan import (
-    NONREACTIVE,
-    OPEN_LOOP,
-    OURS,
-    REACTIVE,
-    VERY_DENSE,
-    Table,
-)
+from crowdbench.evaluation.statistics import Difference, holm
+from crowdbench.study.measurements import Measurements
+from crowdbench.study.model import Claim, Table
 from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, sign
 
 Verdict = Literal["holds", "fails", "undecided", "not yet run"]
-
-_CORRIDOR = VERY_DENSE[0].scenarios
-NO_LOSS = 0.05
-"""What success may drop for "costs no success" still to hold."""
-
-
-@dataclass(frozen=True)
-class Claim:
-    """That one agent is better than another, in a metric, over some scenarios.
-
-    With x and y their means, the claim is x > factor y + margin where more is better, and
-    x < factor y + margin where less is.
-
-    Attributes:
-        text: the claim in words.
-        source: the paper's table.
-        better, worse: agents.
-        scenarios: pooled with equal weights.
-        metric: name in ``METRICS``.
-        factor, margin: see above; 1 and 0 for a plain order.
-    """
-
-    text: str
-    source: str
-    better: str
-    worse: str
-    scenarios: tuple[str, ...]
-    metric: str
-    factor: float = 1.0
-    margin: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +37,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Order:
-    """Two entries of one column that the paper puts in an order: ``better`` before ``worse``."""
+    """Two entries of a column that the reference puts in an order: ``better`` before ``worse``."""
 
     table: Table
     better: Entry
@@ -88,62 +51,7 @@ class Order:
         return _verdict(self.difference, self.p, sign(self.better.quantity.metric))
 
 
-def _first(table: str, scenarios: tuple[str, ...], people: str) -> list[Claim]:
-    baselines = {"neupan": "NeuPAN", "sac": "SAC", "tdmpc": "TD-MPC-style"}
-    return [
-        Claim(f"Ours (E=1) above {name} in {word}, {people}", table, OURS, agent, scenarios, metric)
-        for metric, word in (("success", "success"), ("spl", "SPL"))
-        for agent, name in baselines.items()
-    ]
-
-
-def _both(text: str, table: str, better: str, worse: str) -> list[Claim]:
-    return [
-        Claim(f"{text} in {word}", table, better, worse, _CORRIDOR, metric)
-        for metric, word in (("success", "success"), ("spl", "SPL"))
-    ]
-
-
-_SHORT, _LONG = "latent_planner:horizon=3", "latent_planner:horizon=10"
-_NOT_SMOOTH = "latent_planner:smoothness_weight=0"
-_NOT_SOCIAL = "latent_planner:execute=6,weights=no_social"
-CLAIMS = (
-    *_first("I", REACTIVE, "people who see the robot"),
-    *_first("II", NONREACTIVE, "people who do not"),
-    Claim("E=1 above E=6 in success, people who see the robot", "I", OURS, OPEN_LOOP, REACTIVE,
-          "success"),
-    Claim("E=1 above E=6 in success, people who do not", "II", OURS, OPEN_LOOP, NONREACTIVE,
-          "success"),
-    *_both("E=1 above E=3 at H=3", "III", _SHORT, "latent_planner:execute=3,horizon=3"),
-    *_both("E=1 above E=6 at H=6", "III", OURS, OPEN_LOOP),
-    *_both("E=1 above E=10 at H=10", "III", _LONG, "latent_planner:execute=10,horizon=10"),
-    *_both("H=6 above H=3 at E=1", "III", OURS, _SHORT),
-    *_both("H=6 above H=10 at E=1", "III", OURS, _LONG),
-    *_both("Policy prior + MPPI above the policy alone", "IV", OURS,
-           "latent_planner:use_mppi=false"),
-    *_both("Policy prior + MPPI above MPPI without prior", "IV", OURS,
-           "latent_planner:policy_prior=false"),
-    Claim("The smoothness penalty lowers Smooth at E=1", "V", OURS, _NOT_SMOOTH, _CORRIDOR,
-          "smoothness"),
-    Claim("The smoothness penalty lowers Smooth at E=6", "V", OPEN_LOOP,
-          "latent_planner:execute=6,smoothness_weight=0", _CORRIDOR, "smoothness"),
-    Claim(f"The smoothness penalty costs no success at E=1 (less than {NO_LOSS:g})", "V", OURS,
-          _NOT_SMOOTH, _CORRIDOR, "success", margin=-NO_LOSS),
-    *_both("Reward + Q above SAC (Q only)", "VI", OURS, "sac"),
-    *_both("Reward + Q above the reward alone", "VI", OURS, "latent_planner:score=reward"),
-    Claim("The social reward halves CutOff", "VII", OPEN_LOOP, _NOT_SOCIAL, REACTIVE, "cutoff",
-          factor=0.5),
-    Claim("The social reward lowers CutOff", "VII", OPEN_LOOP, _NOT_SOCIAL, REACTIVE, "cutoff"),
-    Claim("The social reward raises MinDist", "VII", OPEN_LOOP, _NOT_SOCIAL, REACTIVE, "min_dist"),
-    Claim("The social reward lowers TTC < 1 s", "VII", OPEN_LOOP, _NOT_SOCIAL, REACTIVE,
-          "ttc_below_1s"),
-    Claim("The social reward raises success", "VII", OPEN_LOOP, _NOT_SOCIAL, REACTIVE, "success"),
-    Claim("The social reward raises SPL", "VII", OPEN_LOOP, _NOT_SOCIAL, REACTIVE, "spl"),
-)  # fmt: skip
-"""What the paper's text and tables say about its method."""
-
-
-def check_claims(measured: Measurements, claims: Sequence[Claim] = CLAIMS) -> list[Finding]:
+def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Finding]:
     """Test every claim by a paired permutation test, corrected after Holm over each table."""
     differences = [
         measured.difference(
@@ -156,8 +64,8 @@ def check_claims(measured: Measurements, claims: Sequence[Claim] = CLAIMS) -> li
         for claim in claims
     ]
     adjusted = np.full(len(claims), np.nan)
-    for source in {claim.source for claim in claims}:
-        here = [number for number, claim in enumerate(claims) if claim.source == source]
+    for table in {claim.table for claim in claims}:
+        here = [number for number, claim in enumerate(claims) if claim.table == table]
         adjusted[here] = holm([differences[number].p for number in here])
     return [
         Finding(claim, difference, float(p))
@@ -166,9 +74,9 @@ def check_claims(measured: Measurements, claims: Sequence[Claim] = CLAIMS) -> li
 
 
 def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order]:
-    """Test every order of two methods in one column of the paper, after Holm over each table.
+    """Test every order of two methods in one column of the reference, after Holm over each table.
 
-    Equal values of the paper are no order.
+    Equal values are no order, and quantities that are not judged have none.
     """
     found = []
     for filled in tables:
@@ -177,9 +85,9 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
             for other in filled.entries:
                 if (one.block, one.quantity) != (other.block, other.quantity):
                     continue
-                if one.paper is None or other.paper is None:
+                if one.reference is None or other.reference is None or not one.quantity.judged:
                     continue
-                if sign(one.quantity.metric) * (one.paper - other.paper) > 0:
+                if sign(one.quantity.metric) * (one.reference - other.reference) > 0:
                     pairs.append((one, other))
         differences = [
             measured.difference(

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crowdbench.agent import AgentError, AgentSpec
-from crowdbench.evaluation.results import load_results
+from crowdbench.evaluation.results import load_results, scenario_label
 from crowdbench.evaluation.runner import Progress, Task, run
 from crowdbench.scenario import load_scenario
-from crowdbench.study.plan import CHEAP, COSTLY, STORY, Cell, cells
+from crowdbench.study.model import Cell, Study
 from crowdbench.study.sessions import Account
 
-PASSES = (1, COSTLY // 2, COSTLY, CHEAP)
+PASSES = (1, 50, 100)
 """Seeds below the first limit run first, in every cell: then all speeds are known. Then as much in
-every cell before more in any, so that a run that is cut short has something in all of them."""
+every cell before more in any, so that a run that is cut short has something in all of them. What
+is beyond the last limit runs at the end."""
 OVERHEAD = 0.001
 """Time of a step outside the agent until it has been measured [s]."""
 
@@ -130,41 +131,41 @@ def look(plan: Sequence[Cell]) -> Outlook:
 
 def run_missing(
     folder: Path,
+    study: Study,
     outlook: Outlook,
     jobs: int,
     on_progress: Callable[[int, int, Forecast], None],
-    plan: Sequence[Cell] | None = None,
 ) -> Forecast:
-    """Run the episodes of the plan that are not stored yet.
+    """Run the episodes of a study that are not stored yet.
 
     Args:
         folder: results folder.
-        outlook: of the plan; agents that cannot be made are left out.
+        study: what to run.
+        outlook: of its cells; agents that cannot be made are left out.
         jobs: processes.
         on_progress: told the number of episodes stored, of those planned, and the forecast.
-        plan: by default everything that the tables and figures need.
 
     Returns:
         The forecast as it is at the end.
     """
-    plan = [cell for cell in (plan or cells()) if cell.agent in outlook.weights]
+    plan = [cell for cell in study.cells() if cell.agent in outlook.weights]
     worlds = {cell.scenario: load_scenario(cell.scenario) for cell in plan}
+    digests = {scenario_label(world): world.digest for world in worlds.values()}
     stored = [
         row
         for row in load_results(folder).itertuples()
-        if row.scenario in worlds
-        and row.scenario_digest == worlds[row.scenario].digest
+        if row.scenario_digest == digests.get(row.scenario)
         and row.weights_sha256 == outlook.weights.get(row.agent)
     ]
-    there = {(row.scenario, row.agent, row.seed) for row in stored}
+    there = {(row.scenario_digest, row.agent, row.seed) for row in stored}
     pending = Counter(
         cell.agent
         for cell in plan
         for seed in range(cell.episodes)
-        if (cell.scenario, cell.agent, seed) not in there
+        if (worlds[cell.scenario].digest, cell.agent, seed) not in there
     )
     known = [(row.agent, row.steps, row.inference_s) for row in stored]
-    forecast, account = Forecast(pending, known, jobs), Account(folder, jobs)
+    forecast, account = Forecast(pending, known, jobs), Account(folder, study.name, jobs)
     total = sum(cell.episodes for cell in plan)
     done = total - sum(pending.values())
 
@@ -177,10 +178,11 @@ def run_missing(
         on_progress(done, total, forecast)
 
     try:
-        story = [cell for cell in plan if (cell.scenario, cell.agent) == STORY[:2]]
-        for cell in story:
-            whole = Task(worlds[cell.scenario], AgentSpec.parse(cell.agent), range(STORY[2]))
-            run([whole], folder, jobs=jobs, save_trajectories=True, on_progress=advance)
+        for cell in study.recorded:
+            if cell.agent in outlook.weights:
+                world, agent = load_scenario(cell.scenario), AgentSpec.parse(cell.agent)
+                whole = Task(world, agent, range(cell.episodes))
+                run([whole], folder, jobs=jobs, save_trajectories=True, on_progress=advance)
         run(_tasks(plan), folder, jobs=jobs, on_progress=advance)
     finally:
         account.write()
@@ -190,7 +192,8 @@ def run_missing(
 def _tasks(plan: Sequence[Cell]) -> list[Task]:
     """The plan pass by pass, each of them grouped by agent, which saves loading."""
     tasks = []
-    for first, end in zip((0, *PASSES), PASSES, strict=False):
+    limits = (*PASSES, max((cell.episodes for cell in plan), default=0))
+    for first, end in zip((0, *limits), limits, strict=False):
         for cell in plan:
             seeds = range(first, min(end, cell.episodes))
             if seeds:

@@ -13,17 +13,18 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.study.plan import Quantity
+from crowdbench.study.model import Quantity
 from crowdbench.study.tables import Entry, Filled
 
 _CELL_WIDTH = len("[0.00, 0.00]")
+_ZERO = 1e-12
+"""What is smaller is rounding, and differs from processor to processor."""
 MISSING, UNDEFINED, PARTIAL = "—", "undefined", "†"
-READING = "Value [95 % interval] (the paper's value)"
 ARROWS = {"higher": "↑", "lower": "↓"}
 
 _COLUMNS = (
     "table", "block", "scenarios", "method", "agent", "metric", "unit", "episodes", "planned",
-    "defined", "value", "low", "high", "paper", "bold", "p_against_best",
+    "defined", "value", "low", "high", "reference", "bold", "p_against_best",
 )  # fmt: skip
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "&": r"\&", "%": r"\%", "$": r"\$",
@@ -41,7 +42,7 @@ def csv_text(filled: Filled) -> str:
     writer.writerow(_COLUMNS)
     for entry in filled.entries:
         metric, estimate = entry.quantity.metric, entry.estimate
-        numbers = (estimate.mean, estimate.low, estimate.high, entry.paper)
+        numbers = (estimate.mean, estimate.low, estimate.high, entry.reference)
         writer.writerow(
             [
                 filled.table.number,
@@ -54,9 +55,9 @@ def csv_text(filled: Filled) -> str:
                 entry.episodes,
                 entry.planned,
                 estimate.n,
-                *map(_digits, numbers),
+                *map(digits, numbers),
                 "yes" if entry.bold else "",
-                _digits(entry.p),
+                digits(entry.p),
             ]
         )
     return buffer.getvalue()
@@ -64,6 +65,12 @@ def csv_text(filled: Filled) -> str:
 
 def markdown(filled: Filled) -> str:
     """A table for GitHub, with what has to be known beneath it."""
+    beneath = " ".join(escape_markdown(note) for note in notes(filled))
+    return f"{markdown_table(filled)}\n{beneath}\n"
+
+
+def markdown_table(filled: Filled) -> str:
+    """A table for GitHub."""
     table = filled.table
     rows = [["Method", *map(_heading, table.quantities)]]
     rows.append(["---"] + ["---:"] * len(table.quantities))
@@ -74,7 +81,7 @@ def markdown(filled: Filled) -> str:
             cells = [_markdown_cell(entry) for entry in filled.row(block, method)]
             rows.append([escape_markdown(method.label), *cells])
     lines = [f"| {' | '.join(row)} |" for row in rows]
-    return "\n".join([*lines, "", " ".join(escape_markdown(note) for note in notes(filled)), ""])
+    return "\n".join([*lines, ""])
 
 
 def latex(filled: Filled) -> str:
@@ -124,7 +131,7 @@ def terminal(filled: Filled) -> Group:
             cells = []
             for entry in filled.row(block, method):
                 cell = Text(value(entry), style="bold" if entry.bold else "")
-                cell.append(f" {paper(entry)}\n{interval(entry)}", style="not bold")
+                cell.append(f" {reference(entry)}\n{interval(entry)}", style="not bold")
                 cells.append(cell)
             shown.add_row(Text(method.label), *cells)
         shown.add_section()
@@ -133,8 +140,14 @@ def terminal(filled: Filled) -> Group:
 
 def notes(filled: Filled) -> list[str]:
     """What a reader has to know to read the table."""
+    return [*legend(filled), filled.table.note] if filled.table.note else legend(filled)
+
+
+def legend(filled: Filled) -> list[str]:
+    """What the signs in a table mean, a sentence each."""
     states = filled.states()
-    written = [f"{READING}." if states - {"missing"} else "Measured value (the paper's value)."]
+    measured = "Value [95 % interval]" if states - {"missing"} else "Measured value"
+    written = [f"{measured} ({filled.source}'s value)." if filled.source else f"{measured}."]
     if any(entry.bold for entry in filled.entries):
         written.append(
             "Bold: the best of a column and those that cannot be told from it (paired permutation "
@@ -146,7 +159,7 @@ def notes(filled: Filled) -> list[str]:
         written.append(f"{PARTIAL}: only some of the planned episodes were run so far.")
     if "undefined" in states:
         written.append(f"{UNDEFINED}: in no episode is this metric defined.")
-    return [*written, filled.table.note] if filled.table.note else written
+    return written
 
 
 def value(entry: Entry) -> str:
@@ -167,13 +180,13 @@ def interval(entry: Entry) -> str:
     return f"[{low}, {high}]"
 
 
-def paper(entry: Entry) -> str:
-    """The paper's value as printed, empty where it has none."""
-    if entry.paper is None:
+def reference(entry: Entry) -> str:
+    """The reference value as printed, empty where there is none."""
+    if entry.reference is None:
         return ""
-    number = entry.paper * entry.quantity.scale
-    digits = entry.quantity.digits
-    return f"({number:.{digits}f})" if digits is not None else f"({number:.3g})"
+    number = entry.reference * entry.quantity.scale
+    decimals = entry.quantity.digits
+    return f"({number:.{decimals}f})" if decimals is not None else f"({number:.3g})"
 
 
 def escape_markdown(text: str) -> str:
@@ -195,22 +208,25 @@ def _heading(quantity: Quantity) -> str:
 def _markdown_cell(entry: Entry) -> str:
     number = f"**{value(entry)}**" if entry.bold else value(entry)
     limits = interval(entry)
-    return " ".join(filter(None, [number, limits, paper(entry)]))
+    return " ".join(filter(None, [number, limits, reference(entry)]))
 
 
 def _latex_value(entry: Entry) -> str:
     number = escape_latex(value(entry))
     number = rf"\textbf{{{number}}}" if entry.bold else number
-    return " ".join(filter(None, [number, escape_latex(paper(entry))]))
+    return " ".join(filter(None, [number, escape_latex(reference(entry))]))
 
 
 def _printed(entry: Entry, number: float) -> str:
     """A number in the printed unit; its decimals follow from the mean, also in the interval."""
-    mean, digits = entry.estimate.mean * entry.quantity.scale, entry.quantity.digits
-    if digits is None:
-        digits = max(0, 1 - math.floor(math.log10(abs(mean)))) if mean else 0
-    return f"{number * entry.quantity.scale:.{digits}f}"
+    mean, decimals = entry.estimate.mean * entry.quantity.scale, entry.quantity.digits
+    if decimals is None:
+        decimals = max(0, 1 - math.floor(math.log10(abs(mean)))) if mean else 0
+    return f"{number * entry.quantity.scale:.{decimals}f}"
 
 
-def _digits(number: float | None) -> str:
-    return "" if number is None or math.isnan(number) else f"{number:.6g}"
+def digits(number: float | None) -> str:
+    """A number in a CSV file: six significant digits, empty where there is none."""
+    if number is None or math.isnan(number):
+        return ""
+    return f"{0.0 if abs(number) < _ZERO else number:.6g}"

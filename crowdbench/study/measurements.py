@@ -11,44 +11,46 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import load_results
+from crowdbench.evaluation.results import load_results, scenario_label
 from crowdbench.evaluation.statistics import Difference, Estimate, estimate, paired_difference
-from crowdbench.scenario import load_scenario, scenario_names
-from crowdbench.study.plan import Cell, cells
+from crowdbench.scenario import load_scenario
+from crowdbench.study.model import Cell
 
 
 class Measurements:
     """What the stored episodes of a plan say. Everything is computed once."""
 
-    def __init__(self, episodes: pd.DataFrame, plan: Sequence[Cell] | None = None) -> None:
+    def __init__(self, episodes: pd.DataFrame, plan: Sequence[Cell]) -> None:
         """Keep the episodes that the plan asks for, of the scenarios as they are now.
 
         Args:
             episodes: as ``load_results`` returns them.
-            plan: by default everything that the tables and figures need.
+            plan: what a study needs, see ``Study.cells``.
         """
-        self.plan = list(cells() if plan is None else plan)
-        digests = {name: load_scenario(name).digest for name in scenario_names()}
-        wanted = pd.DataFrame(self.plan, columns=list(Cell._fields))
-        wanted["scenario_digest"] = wanted["scenario"].map(digests)
+        self.plan = list(plan)
+        worlds = {name: load_scenario(name) for name in {cell.scenario for cell in self.plan}}
+        wanted = pd.DataFrame(self.plan, columns=["named", *Cell._fields[1:]])
+        named = wanted["named"]
+        wanted["scenario"] = named.map({name: scenario_label(w) for name, w in worlds.items()})
+        wanted["scenario_digest"] = named.map({name: w.digest for name, w in worlds.items()})
         kept = episodes[episodes["robot"] == "robot_0"].merge(
             wanted, on=["scenario", "agent", "scenario_digest"]
         )
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
         added_since = {name: np.nan for name in METRICS if name not in kept}
-        self.episodes = kept.drop(columns="episodes").assign(**added_since)
+        self.episodes = kept.drop(columns=["episodes", "named"]).assign(**added_since)
         self._cells = {
             key: rows.set_index("seed").sort_index()
-            for key, rows in kept.groupby(["agent", "scenario"], sort=False)
+            for key, rows in kept.groupby(["agent", "named"], sort=False)
         }
         # Tables share many cells; asking again costs nothing.
         self.mean = cache(self._mean)
         self.difference = cache(self._difference)
 
     @classmethod
-    def load(cls, folder: Path) -> Measurements:
+    def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
         """Read a results folder."""
-        return cls(load_results(folder))
+        return cls(load_results(folder), plan)
 
     def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
         """How many episodes are stored."""

@@ -24,6 +24,7 @@ class Session:
     """One run of missing episodes.
 
     Attributes:
+        study: name of the study that they were missing from.
         started: UTC, ISO 8601.
         seconds: wall time so far.
         episodes: run so far.
@@ -32,6 +33,7 @@ class Session:
         versions: of Python, crowdbench and the libraries it computes with.
     """
 
+    study: str
     started: str
     seconds: float
     episodes: int
@@ -44,13 +46,13 @@ class Account:
     """Keeps the file of the session that is going on."""
 
     def __init__(
-        self, folder: Path, jobs: int, clock: Callable[[], float] = time.monotonic
+        self, folder: Path, study: str, jobs: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
         now = datetime.now(UTC)
         self._path = folder / "sessions" / f"{now:%Y-%m-%dT%H-%M-%S.%f}.json"
         self._clock, self._begun, self._written = clock, clock(), clock()
         self._started = now.isoformat(timespec="seconds")
-        self._jobs, self._versions = jobs, _versions()
+        self._study, self._jobs, self._versions = study, jobs, _versions()
         self._episodes, self._machine = 0, ""
 
     @property
@@ -70,6 +72,7 @@ class Account:
         if not self._episodes:
             return
         session = Session(
+            self._study,
             self._started,
             round(self.seconds, 1),
             self._episodes,
@@ -84,8 +87,8 @@ class Account:
         self._written = self._clock()
 
 
-def load_sessions(folder: Path) -> list[Session]:
-    """All sessions of a results folder, oldest first.
+def load_sessions(folder: Path, study: str) -> list[Session]:
+    """All sessions of a study in a results folder, oldest first.
 
     Raises:
         ResultsError: a file that is none; the message names it.
@@ -96,7 +99,7 @@ def load_sessions(folder: Path) -> list[Session]:
             found.append(Session(**json.loads(path.read_text(encoding="utf-8"))))
         except (ValueError, TypeError) as error:
             raise ResultsError(f"{path}: not the account of a run ({error})") from error
-    return found
+    return [session for session in found if session.study == study]
 
 
 def _versions() -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from itertools import count
 from typing import Any, NamedTuple
 
 WIDTH = 3.5
@@ -35,15 +37,28 @@ class Style(NamedTuple):
     line: Any
 
 
-STYLES = {
-    "neupan": Style("#009E73", "D", "--"),
-    "sac": Style("#56B4E9", "v", ":"),
-    "tdmpc": Style("#0072B2", "^", "-."),
-    "latent_planner:execute=6": Style("#E69F00", "s", "--"),
-    "latent_planner": Style("#D55E00", "o", "-"),
-    "orca": Style("#CC79A7", "P", ":"),
-    "dynamic_window": Style("#000000", "X", ":"),
-    "straight_line": Style("0.6", "", (0, (1, 1))),
-    "informed": Style("0.6", "", (0, (5, 2))),
-}
-"""By agent, in the colours of Okabe and Ito (2008)."""
+_COLORS = ("#D55E00", "#0072B2", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#000000")
+"""Of Okabe and Ito (2008)."""
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p")
+_LINES = ("-", "--", "-.", ":")
+
+
+def styles(agents: Iterable[str], chosen: Mapping[str, Style] | None = None) -> dict[str, Style]:
+    """A style for each agent: the chosen one, or the first that no other one resembles.
+
+    Args:
+        agents: with their options.
+        chosen: by agent; others may be missing.
+    """
+    found = dict(chosen or {})
+    free = (
+        Style(_COLORS[n % len(_COLORS)], _MARKERS[n % len(_MARKERS)], _LINES[n % len(_LINES)])
+        for n in count()
+    )
+    result = {}
+    for agent in agents:
+        if agent not in found:
+            used = {(style.color, style.marker) for style in found.values()}
+            found[agent] = next(s for s in free if (s.color, s.marker) not in used)
+        result[agent] = found[agent]
+    return result

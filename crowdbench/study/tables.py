@@ -1,4 +1,4 @@
-"""Tables filled with measured values: value, interval, the paper's value, what is best."""
+"""Tables filled with measured values: value, interval, reference value, what is best."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.statistics import Estimate, holm
 from crowdbench.study.measurements import Measurements
-from crowdbench.study.paper import PaperKey, load_paper
-from crowdbench.study.plan import Block, Method, Quantity, Table
+from crowdbench.study.model import Block, Method, Quantity, Study, Table
 
 SIGNIFICANCE = 0.05
 
@@ -26,7 +25,7 @@ class Entry:
         estimate: mean and interval over the episodes in which the metric is defined.
         episodes: stored.
         planned: episodes that the plan asks for.
-        paper: the paper's value, if it has this cell.
+        reference: the value from elsewhere, if there is one.
         bold: among the best of its column, see ``fill``.
         p: of the difference from the best of its column, after Holm; NaN for the best itself and
             where nothing is compared.
@@ -38,7 +37,7 @@ class Entry:
     estimate: Estimate
     episodes: int
     planned: int
-    paper: float | None
+    reference: float | None
     bold: bool = False
     p: float = np.nan
 
@@ -52,20 +51,25 @@ class Entry:
         return "measured" if self.episodes == self.planned else "partial"
 
     @property
-    def excludes_paper(self) -> bool:
-        """Whether the interval lies apart from all values that round to the paper's."""
-        if self.paper is None or np.isnan(self.estimate.low):
+    def excludes_reference(self) -> bool:
+        """Whether the interval lies apart from all values that round to the reference."""
+        if self.reference is None or np.isnan(self.estimate.low):
             return False
         slack = self.quantity.rounding + 1e-12
-        return not self.estimate.low - slack <= self.paper <= self.estimate.high + slack
+        return not self.estimate.low - slack <= self.reference <= self.estimate.high + slack
 
 
 @dataclass(frozen=True)
 class Filled:
-    """A table with all its entries, by block, then method, then quantity."""
+    """A table with all its entries, by block, then method, then quantity.
+
+    Attributes:
+        source: whose the reference values are; empty without any.
+    """
 
     table: Table
     entries: tuple[Entry, ...]
+    source: str = ""
 
     def row(self, block: Block, method: Method) -> list[Entry]:
         """The entries of one line, in the order of the quantities."""
@@ -76,7 +80,12 @@ class Filled:
         return {entry.state for entry in self.entries}
 
 
-def fill(table: Table, measured: Measurements) -> Filled:
+def fill_all(study: Study, measured: Measurements) -> list[Filled]:
+    """Fill every table of a study."""
+    return [fill(table, measured, study.source) for table in study.tables]
+
+
+def fill(table: Table, measured: Measurements, source: str = "the reference") -> Filled:
     """Fill a table and mark what is best.
 
     In each column the method with the best mean is tested against every other one, on the seeds
@@ -84,9 +93,8 @@ def fill(table: Table, measured: Measurements) -> Filled:
     whole table. Bold are the best and those that cannot be told from it, provided that at least
     one method is told from it; digits alone make nothing bold. Bounds take no part.
     """
-    paper = load_paper()
     entries = [
-        _entry(table, block, method, quantity, measured, paper)
+        _entry(table, block, method, quantity, measured)
         for block in table.blocks
         for method in table.methods
         for quantity in table.quantities
@@ -111,7 +119,7 @@ def fill(table: Table, measured: Measurements) -> Filled:
         if worse:
             for number in {best, *others} - worse:
                 entries[number] = replace(entries[number], bold=True)
-    return Filled(table, tuple(entries))
+    return Filled(table, tuple(entries), source if table.reference else "")
 
 
 def sign(metric: str) -> int:
@@ -125,9 +133,7 @@ def _entry(
     method: Method,
     quantity: Quantity,
     measured: Measurements,
-    paper: dict[PaperKey, float],
 ) -> Entry:
-    key = table.key(block, method, quantity)
     return Entry(
         block,
         method,
@@ -135,7 +141,7 @@ def _entry(
         measured.mean(method.agent, block.scenarios, quantity.metric),
         episodes=measured.count(method.agent, block.scenarios),
         planned=method.episodes * len(block.scenarios),
-        paper=None if key is None else paper[key] * quantity.paper_scale,
+        reference=table.reference.get((block.heading, method.label, quantity.metric)),
     )
 
 

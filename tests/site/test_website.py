@@ -12,20 +12,17 @@ from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.statistics import wilson_interval
 from crowdbench.scenario import load_scenario
-from crowdbench.site import website
 from crowdbench.site.leaderboard import family
 from crowdbench.site.replay import find_recording
-from crowdbench.site.website import replay_link, write_replay_page, write_report_page
+from crowdbench.site.website import (
+    SiteFigure,
+    SiteTable,
+    replay_link,
+    write_replay_page,
+    write_report_page,
+)
 
 SHORT = load_scenario("multimodal_fast", time_limit=1.0)
-
-
-@pytest.fixture(autouse=True)
-def no_figures(monkeypatch):
-    """Drawing takes seconds and is tested elsewhere; the real one is in the browser's tests."""
-    monkeypatch.setattr(
-        website, "save_figures", lambda *_: {drawing.name: False for drawing in website.DRAWINGS}
-    )
 
 
 def index(output):
@@ -42,10 +39,13 @@ def test_the_leaderboard_says_what_the_rows_say(episodes, tmp_path):
     document = index(tmp_path / "site")
     names = [metric["name"] for metric in document["metrics"]]
     assert names == list(METRICS)
+    assert [metric["name"] for metric in document["metrics"] if metric["main"]] == [
+        *("success", "spl", "smoothness", "inference_s", "cutoff", "min_dist", "ttc_below_1s")
+    ]
     assert [scenario["label"] for scenario in document["scenarios"]] == [
         "unimodal_slow",
         "corridor_dense",
-    ], "in the order of the paper's tables"
+    ], "in the scenarios' own order"
     cell = document["cells"][0]
     assert (cell["agent"], cell["episodes"]) == ("orca", 4)
     success = cell["estimates"][names.index("success")]
@@ -66,16 +66,23 @@ def test_robots_of_one_episode_are_one_observation(episodes, tmp_path):
     assert (mean, n) == (0.75, 2)
 
 
-def test_tables_appear_once_one_of_their_cells_is_run(many, episodes, tmp_path):
-    write_report_page(many.folder, tmp_path / "many")
-    tables = index(tmp_path / "many")["tables"]
-    assert [table["title"].split(":")[0] for table in tables] == [
-        f"Table {number}" for number in ("I", "II", "III", "IV", "V", "VI", "VII")
-    ]
-    assert all("<table>" in table["html"] and "style=" not in table["html"] for table in tables)
-    episodes.add("orca", "corridor_dense", success=[1])
-    write_report_page(episodes.folder, tmp_path / "few")
-    assert index(tmp_path / "few")["tables"] == []
+def test_tables_and_figures_are_those_that_are_given(episodes, tmp_path):
+    episodes.add("orca", success=[1])
+    files = [tmp_path / "curve.png", tmp_path / "curve.pdf"]
+    for path in files:
+        path.write_bytes(path.suffix.encode())
+    table = SiteTable("Table 1: Speed", "| Method | Success |\n| --- | ---: |\n| <b>A</b> | 1 |\n")
+    figure = SiteFigure("Figure 1", "What it shows.", *files)
+    write_report_page(episodes.folder, tmp_path / "site", [table], [figure])
+    document = index(tmp_path / "site")
+    (shown,) = document["tables"]
+    assert shown["title"] == "Table 1: Speed"
+    assert "<table>" in shown["html"] and "style=" not in shown["html"]
+    assert "<b>" not in shown["html"]
+    (shown,) = document["figures"]
+    assert (shown["title"], shown["caption"]) == ("Figure 1", "What it shows.")
+    for ending in ("png", "pdf"):
+        assert (tmp_path / "site" / shown[ending]).read_bytes() == f".{ending}".encode()
 
 
 def test_a_scenario_that_has_changed_since_is_kept_apart(episodes, tmp_path):

@@ -3,13 +3,16 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
+from crowdbench_studies.paper import STUDY
 
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.trajectories import trajectory_index
 from crowdbench.study import execution
 from crowdbench.study.execution import OVERHEAD, Forecast, Outlook, look, run_missing
-from crowdbench.study.plan import Cell, cells
+from crowdbench.study.model import Cell, Study
 from crowdbench.study.sessions import load_sessions
+
+cells = STUDY.cells
 
 
 def row(agent, steps, inference_s):
@@ -83,9 +86,9 @@ def test_agents_that_cannot_be_made_are_named_and_left_out():
 # Running
 
 
-def test_what_is_missing_is_run_once(tmp_path, monkeypatch):
+def test_what_is_missing_is_run_once(tmp_path):
     """A plan of two cells, one of which is half there; run twice."""
-    monkeypatch.setattr(execution, "STORY", ("unimodal_slow", "straight_line", 1))
+    recorded = [Cell("unimodal_slow", "straight_line", 1), Cell("unimodal_slow", "nobody", 1)]
     plan = [
         Cell("unimodal_slow", "straight_line", 2),
         Cell("corridor_sparse", "straight_line", 1),
@@ -96,14 +99,17 @@ def test_what_is_missing_is_run_once(tmp_path, monkeypatch):
     def progress(done, total, forecast):
         told.append((done, total))
 
-    run_missing(tmp_path, outlook, 1, progress, plan[:1])
+    first = Study("mine", "Mine", (), more=tuple(plan[:1]), recorded=tuple(recorded))
+    run_missing(tmp_path, first, outlook, 1, progress)
     assert told[-1] == (2, 2)
     told.clear()
-    forecast = run_missing(tmp_path, outlook, 1, progress, plan)
+    forecast = run_missing(
+        tmp_path, Study("mine", "Mine", (), more=tuple(plan)), outlook, 1, progress
+    )
     assert (told[0], told[-1]) == ((2, 3), (3, 3))
     assert forecast.seconds_left() == 0 < forecast.seconds_for(plan)
     rows = load_results(tmp_path)
     assert Counter(rows["scenario"]) == {"unimodal_slow": 2, "corridor_sparse": 1}
-    assert sum(session.episodes for session in load_sessions(tmp_path)) == 3
+    assert sum(session.episodes for session in load_sessions(tmp_path, "mine")) == 3
     kept = trajectory_index(tmp_path / "trajectories/unimodal_slow/straight_line.jsonl.gz")
     assert [entry.seed for entry in kept] == [0]

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowdbench_studies.paper import STUDY
+from crowdbench_studies.paper.plan import INFERENCE, SMOOTH, SPL, SUCCESS, TABLES, TTC
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
@@ -21,32 +23,31 @@ from crowdbench.study.formats import (
     notes,
     terminal,
 )
-from crowdbench.study.plan import (
-    INFERENCE,
-    SMOOTH,
-    SPL,
-    SUCCESS,
-    TABLES,
-    TTC,
-    Block,
-    Cell,
-    Method,
-    Table,
-    cells,
-)
+from crowdbench.study.measurements import Measurements
+from crowdbench.study.model import Block, Cell, Method, Table
 from crowdbench.study.tables import fill
 
-SLOW = Block("Slow & sure", ("unimodal_slow",), ("unimodal_slow", "reactive"))
+cells = STUDY.cells
+
+SLOW = Block("unimodal_slow", "Slow & sure")
 METHODS = (
-    Method("First", "neupan", "neupan", 100),
-    Method("Second", "sac", "sac", 100),
-    Method("Third", "orca", None, 100),
-    Method("Ceiling", "informed", None, 100, bound=True),
+    Method("neupan", "First", 100),
+    Method("sac", "Second", 100),
+    Method("orca", "Third", 100),
+    Method("informed", "Ceiling", 100, bound=True),
 )
+REFERENCE = {"success": 1.0, "spl": 0.84, "smoothness": 0.1, "inference_s": 0.39}
+"""Of the first method."""
 
 
 def table(*quantities, methods=METHODS, blocks=(SLOW,), note=""):
-    return Table("I", "A title", blocks, quantities or (SUCCESS,), methods, note)
+    first = methods[0].label
+    reference = {
+        (block.heading, first, metric): value
+        for block in blocks
+        for metric, value in REFERENCE.items()
+    }
+    return Table("I", "A title", blocks, quantities or (SUCCESS,), methods, note, reference)
 
 
 def filled(episodes, wanted):
@@ -82,7 +83,7 @@ def test_success_has_wilson_s_interval(episodes):
     assert cell.estimate.mean == 0.9
     assert (cell.estimate.low, cell.estimate.high) == pytest.approx((0.825634, 0.944771), abs=1e-6)
     assert (cell.episodes, cell.planned, cell.state) == (100, 100, "measured")
-    assert cell.paper == 1.0
+    assert cell.reference == 1.0
 
 
 def test_a_mean_leaves_undefined_episodes_out(episodes):
@@ -94,7 +95,7 @@ def test_a_mean_leaves_undefined_episodes_out(episodes):
 
 
 def test_pooled_scenarios_count_by_episode(episodes):
-    both = Block("", ("unimodal_slow", "unimodal_fast"), ("unimodal_slow", "reactive"))
+    both = Block(("unimodal_slow", "unimodal_fast"))
     episodes.add("neupan", "unimodal_slow", success=ones(50, 50))
     episodes.add("neupan", "unimodal_fast", success=ones(20, 50))
     cell = entry(filled(episodes, table(blocks=(both,))), "First")
@@ -116,11 +117,11 @@ def test_only_planned_seeds_of_the_first_robot_in_the_present_scenario_count(epi
 def test_the_interval_excludes_the_paper_s_value_only_past_its_rounding(episodes):
     episodes.add("neupan", smoothness=[0.104, 0.106] * 50, success=[1.0] * 100)
     cell = entry(filled(episodes, table(SMOOTH)), "First")
-    assert cell.paper == 0.1
+    assert cell.reference == 0.1
     assert cell.estimate.low > 0.1
-    assert not cell.excludes_paper, "0.1 may stand for anything up to 0.105"
-    assert replace(cell, paper=0.09).excludes_paper
-    assert not replace(cell, paper=None).excludes_paper
+    assert not cell.excludes_reference, "0.1 may stand for anything up to 0.105"
+    assert replace(cell, reference=0.09).excludes_reference
+    assert not replace(cell, reference=None).excludes_reference
 
 
 def test_numbers_are_printed_in_the_unit_of_their_heading(episodes):
@@ -128,8 +129,8 @@ def test_numbers_are_printed_in_the_unit_of_their_heading(episodes):
     line = markdown(filled(episodes, table(INFERENCE))).splitlines()[3]
     assert line.startswith("| First | 13† [")
     assert line.endswith("] (390) |")
-    social = Table("VII", "t", (Block("", SLOW.scenarios, ("open", "unspecified")),), (TTC,),
-                   (Method("First", "neupan", "H=6 E=6 with social reward", 100),))  # fmt: skip
+    reference = {("", "First", "ttc_below_1s"): 0.043}
+    social = Table("VII", "t", (Block("unimodal_slow"),), (TTC,), METHODS[:1], "", reference)
     assert "| First | 4.5† [" in markdown(filled(episodes, social))
     assert "] (4.3) |" in markdown(filled(episodes, social))
 
@@ -165,9 +166,7 @@ def test_a_metric_that_no_episode_defines_is_called_undefined(episodes):
 
 
 def test_an_empty_folder_gives_every_table(tmp_path):
-    from crowdbench.study.measurements import Measurements
-
-    measured = Measurements.load(tmp_path)
+    measured = Measurements.load(tmp_path, cells())
     for wanted in TABLES:
         result = fill(wanted, measured)
         assert result.states() == {"missing"}
@@ -255,8 +254,8 @@ def test_methods_without_a_seed_in_common_are_not_told_apart(episodes):
 
 HOSTILE = r"a|b & 50% $x_1$ #{~^\}<script>*`[bold]"
 HOSTILE_TABLE = table(
-    methods=(Method(HOSTILE, "neupan", "neupan", 100), *METHODS[1:]),
-    blocks=(SLOW._replace(heading=HOSTILE),),
+    methods=(Method("neupan", HOSTILE, 100), *METHODS[1:]),
+    blocks=(replace(SLOW, heading=HOSTILE),),
     note=HOSTILE,
 )
 
@@ -318,7 +317,7 @@ def test_csv_gives_back_what_went_in(episodes):
     assert rows[0]["method"] == rows[0]["block"] == HOSTILE
     assert float(rows[0]["value"]) == 0.9
     assert float(rows[0]["low"]) == pytest.approx(0.825634, abs=1e-6)
-    assert (rows[0]["agent"], rows[0]["paper"], rows[0]["planned"]) == ("neupan", "1", "100")
+    assert (rows[0]["agent"], rows[0]["reference"], rows[0]["planned"]) == ("neupan", "1", "100")
     assert rows[1]["value"] == ""
 
 

@@ -1,5 +1,5 @@
 "use strict";
-// What is read rather than watched: agents with their cards, the paper's tables, figures.
+// What is read rather than watched: agents with their cards, tables, figures.
 (function (crowdbench) {
   const { element, link, outcome } = crowdbench;
   const SHOWN_AT_ONCE = 60;
@@ -85,15 +85,15 @@
     return box;
   }
 
-  crowdbench.paperView = function (page) {
+  crowdbench.studyView = function (page) {
     const { tables, figures } = crowdbench.index;
     page.append(element("h1", {}, "Tables and figures"),
-      element("p", { class: "lead" }, "The paper's tables and figures, measured here."));
+      element("p", { class: "lead" }, "What the study compares, measured here."));
     if (!tables.length) {
       page.append(element("p", { class: "note" }, "None of the tables' episodes are stored yet."));
     }
     for (const table of tables) {
-      page.append(element("h2", {}, table.title), prepared(table.html, "paper-table"));
+      page.append(element("h2", {}, table.title), prepared(table.html, "study-table"));
     }
     for (const figure of figures) {
       page.append(element("figure", {}, element("h2", {}, figure.title),

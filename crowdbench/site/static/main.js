@@ -9,13 +9,13 @@
     ["", crowdbench.leaderboardView],
     ["agents", crowdbench.agentsView],
     ["agent", crowdbench.agentView],
-    ["paper", crowdbench.paperView],
+    ["tables", crowdbench.studyView],
     ["replay", crowdbench.replayView],
   ]);
   const entries = [
     ["", "Leaderboard", whole],
     ["replay", "Replays", crowdbench.watchable().length > 0],
-    ["paper", "Tables and figures", index.tables.length + index.figures.length > 0],
+    ["tables", "Tables and figures", index.tables.length + index.figures.length > 0],
     ["agents", "Agents", whole],
   ];
 

@@ -6,10 +6,11 @@ import shutil
 import tempfile
 
 import pytest
+from matplotlib.figure import Figure
 
 from crowdbench.evaluation.results import scenario_label
 from crowdbench.scenario import load_scenario
-from crowdbench.site import website
+from crowdbench.site.website import SiteFigure, SiteTable, write_report_page
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 FLAGS = [
@@ -41,10 +42,14 @@ def stored(browser, make_whole, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def site(stored, tmp_path_factory):
-    """The page of these, with its figures."""
-    return website.write_report_page(
-        stored.folder, tmp_path_factory.mktemp("page") / "site"
-    ).page.as_uri()
+    """The page of these, with a table and a figure."""
+    folder = tmp_path_factory.mktemp("page")
+    for ending in ("png", "pdf"):
+        Figure(figsize=(2, 1)).savefig(folder / f"curve.{ending}")
+    table = SiteTable("Table 1", "| Method | Success |\n| --- | ---: |\n| A | 0.9 [0.8, 1.0] |\n")
+    figure = SiteFigure("Figure 1", "A curve.", folder / "curve.png", folder / "curve.pdf")
+    written = write_report_page(stored.folder, folder / "site", [table], [figure])
+    return written.page.as_uri()
 
 
 @pytest.fixture(scope="session")
@@ -81,10 +86,3 @@ def page(browser):
     tab.close()
     assert problems == []
     assert [url for url in tab.requests if not url.startswith(("file:", "data:"))] == []
-
-
-@pytest.fixture
-def no_figures(monkeypatch):
-    """Drawing takes seconds."""
-    there = {drawing.name: False for drawing in website.DRAWINGS}
-    monkeypatch.setattr(website, "save_figures", lambda *_: there)

@@ -7,14 +7,16 @@ import pytest
 
 from crowdbench.evaluation.results import load_results
 
+VIEWS = ["", "#/", "#/tables", "#/agents", "#/agent?name=orca", "#/replay"]
 
-@pytest.mark.parametrize("view", ["", "#/", "#/paper", "#/agents", "#/agent?name=orca", "#/replay"])
+
+@pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_every_view_loads_without_a_complaint(page, site, view, scheme):
     page.emulate_media(color_scheme=scheme)
     page.goto(site + view)
     assert page.locator("h1").count() == 1
-    if view == "#/paper":
+    if view == "#/tables":
         image = page.locator("figure img").first
         image.scroll_into_view_if_needed()
         size = "document.querySelector('figure img').naturalWidth"
@@ -22,7 +24,7 @@ def test_every_view_loads_without_a_complaint(page, site, view, scheme):
         assert page.evaluate(size) > 0
 
 
-@pytest.mark.parametrize("view", ["#/", "#/paper", "#/agent?name=orca", "#/replay"])
+@pytest.mark.parametrize("view", ["#/", "#/tables", "#/agent?name=orca", "#/replay"])
 def test_nothing_is_wider_than_a_phone(page, site, view):
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto(site + view)

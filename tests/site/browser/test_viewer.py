@@ -296,7 +296,6 @@ def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
         assert np.count_nonzero(apart > 1e-3) <= 1
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
     short = load_scenario("multimodal_fast", time_limit=0.4)
     for number, text in enumerate(HOSTILE):
@@ -329,7 +328,6 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
     assert page.locator("main img, main script, [onmouseover]").count() == 0
 
 
-@pytest.mark.usefixtures("no_figures")
 def test_a_missing_file_is_reported(browser, stored, tmp_path):
     """Somebody copied the page without its data; the browser's own complaint is expected here."""
     output = tmp_path / "site"
