@@ -19,12 +19,13 @@ from pathlib import Path
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import load_results
 from crowdbench.site.leaderboard import cell_documents, metric_documents
+from crowdbench.study import Cell
 from crowdbench.study.measurements import Measurements
 
 folder = Path(sys.argv[1])
 rows = load_results(folder)
 cells = {cell.agent: document["estimates"] for cell, document in cell_documents(rows)}
-measured = Measurements(rows)
+measured = Measurements(rows, [Cell("corridor_sparse", agent, 6) for agent in cells])
 print(json.dumps({
     "page": metric_documents(),
     "leaderboard": {agent: dict(zip(METRICS, cells[agent])) for agent in cells},
