@@ -61,7 +61,7 @@ def allowed(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     options = get_args(annotation)
     if get_origin(annotation) in (Union, types.UnionType):
         kinds = [allowed(o, metadata) for o in options if o is not types.NoneType]
-        return " or ".join(kinds + ["null"] * (types.NoneType in options))
+        return " or ".join(kinds) + ", or null" * (types.NoneType in options)
     if get_origin(annotation) is Literal:
         *others, last = map(repr, options)
         return f"{', '.join(others)} or {last}" if others else last
