@@ -10,9 +10,12 @@ for multiple non-holonomic robots", DARS 2010).
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
 from crowdbench_agents.geometry.footprint import arc_gap
+from pydantic import Field
 
 import crowdbench
 
@@ -23,7 +26,11 @@ STOP = 0.05
 class Orca(crowdbench.Agent):
     """Reciprocal avoidance of what the LiDAR shows."""
 
-    def __init__(self, responsibility: float = 1.0, margin: float = 0.05) -> None:
+    def __init__(
+        self,
+        responsibility: Annotated[float, Field(ge=0, le=1)] = 1.0,
+        margin: Annotated[float, Field(ge=0, le=1)] = 0.05,
+    ) -> None:
         """Choose how to behave.
 
         Args:
