@@ -214,6 +214,12 @@ def test_a_narrow_terminal_cuts_no_number_off():
         (["run", "--set", "pedestrians.cout=1"], "did you mean 'count'?"),
         (["run", "--set", "pedestrians.count=-1"], "-1 is out of range; allowed: >= 0 and <= 500"),
         (["run", "--set", "pedestrians.count"], "expected key=value"),
+        (
+            ["run", "-a", "latent_planner", "--set", "robots.drive=omnidirectional"],
+            "agent 'latent_planner' drives differential robots only",
+        ),
+        (["run", "--set", "robots.drive=hover"], "unknown drive 'hover'; known: differential, "),
+        (["run", "--set", "pedestrians.model=walk"], "known: orca, social_force, straight"),
         (["show", "open_x"], "unknown scenario 'open_x'"),
         (["record", "open", "-o", "x.avi"], "expected a name that ends in .gif or .mp4"),
         (["train", "latent_planer"], "'latent_planer'; did you mean 'latent_planner'?"),

@@ -17,8 +17,13 @@ FOLDERS = {
     "crowdbench": "crowdbench",
     "agents": "crowdbench_agents",
     "scenarios": "crowdbench_scenarios",
+    "results": "crowdbench_results",
     "studies": "crowdbench_studies",
 }
+INSTALLED_RESULTS = ("__init__.py", "record/rows/", "record/actions/")
+"""What a wheel has of results/: no tables, figures or the commands of seeds from 100 on."""
+LARGEST = 40_000_000
+"""Bytes of a wheel."""
 MAKE_AGENTS = """
 import json
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
@@ -38,8 +43,11 @@ def tree_files():
     """Every file of the packages under its installed name."""
     for folder, package in FOLDERS.items():
         for path in (ROOT / folder).rglob("*"):
-            if path.is_file() and "__pycache__" not in path.parts:
-                yield f"{package}/{path.relative_to(ROOT / folder).as_posix()}"
+            name = path.relative_to(ROOT / folder).as_posix()
+            if not path.is_file() or "__pycache__" in path.parts:
+                continue
+            if folder != "results" or name.startswith(INSTALLED_RESULTS):
+                yield f"{package}/{name}"
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +102,23 @@ def test_the_wheel_holds_every_file_of_the_tree_and_nothing_else(wheel):
         licenses = [name for name in archive.namelist() if name.endswith("licenses/LICENSE")]
     assert shipped == set(tree_files())
     assert len(licenses) == 1
+
+
+def test_the_wheel_is_small_enough_to_be_installed_anywhere(wheel):
+    assert wheel.stat().st_size <= LARGEST
+
+
+def test_the_record_is_found_away_from_the_checkout(run):
+    """All published rows, and of each cell the commands of those first seeds that have any."""
+    script = """
+from crowdbench.evaluation.joined import cells_of
+from crowdbench.evaluation.record import INSTALLED_SEEDS, load_commands, load_record
+rows = load_record()
+commands = [load_commands(cell).seeds & {*INSTALLED_SEEDS} for cell in cells_of(rows).values()]
+print(len(rows), len(commands), sum(map(len, commands)))
+"""
+    here = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    assert run("python", "-c", script).split() == here.stdout.decode().split()
 
 
 def test_the_installed_packages_are_the_wheels(run, installed):

@@ -10,7 +10,7 @@ import typer
 
 from crowdbench.agent import AgentSpec
 from crowdbench.cli.common import RESULTS, TABLE_METRICS, ResultsOption, UserError, out
-from crowdbench.scenario import nearest
+from crowdbench.messages import nearest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,8 +29,8 @@ def compare(
     ] = None,
     results: ResultsOption = RESULTS,
 ) -> None:
-    """Compare two agents on shared episodes."""
-    from crowdbench.cli.printing import print_comparison
+    """Compare two agents on shared episodes, your own and published ones."""
+    from crowdbench.cli.printing import print_comparison, print_published
     from crowdbench.evaluation.metrics import METRICS
     from crowdbench.evaluation.statistics import PairingError
     from crowdbench.evaluation.statistics import compare as compare_tables
@@ -46,23 +46,30 @@ def compare(
         table = compare_tables(_per_seed(a, chosen), _per_seed(b, chosen), chosen)
     except PairingError as error:
         raise UserError(f"{first} and {second} cannot be compared: {error}") from error
-    print_comparison(out(), table, first, second)
+    console = out()
+    print_comparison(console, table, first, second)
+    print_published(console, {first: a, second: b})
 
 
 def _stored(folder: Path, text: str, scenarios: Sequence[str] | None) -> pd.DataFrame:
-    """The stored episodes of an agent, in some scenarios or in all."""
-    from crowdbench.evaluation.results import load_results
+    """The episodes of an agent, in some scenarios or in all; published where not run here."""
+    from crowdbench.evaluation.joined import published_and_local
+    from crowdbench.evaluation.record import read_record
 
     name = str(AgentSpec.parse(text))
-    everything = load_results(folder)
-    rows = everything[everything["agent"] == name]
+    rows = published_and_local(folder, agent=name, first="local")
     if rows.empty:
-        known = sorted(set(everything["agent"]))
+        outdated = read_record(agent=name).outdated
+        known = sorted(set(published_and_local(folder)["agent"]))
         hint = nearest(name, known) if known else "; nothing is stored there"
+        if outdated:
+            hint = f"; the record of {name!r} is of scenarios that are defined otherwise by now"
         raise UserError(f"{folder}: no episodes of agent {name!r}{hint}")
     for scenario in scenarios or []:
         if scenario not in set(rows["scenario"]):
             hint = nearest(scenario, sorted(set(rows["scenario"])))
+            if (scenario, name) in read_record(scenario, name).outdated:
+                hint = f"; the record of {scenario!r} is of another definition than today's"
             raise UserError(f"{folder}: no episodes of {name!r} in scenario {scenario!r}{hint}")
     return rows[rows["scenario"].isin(scenarios)] if scenarios else rows
 

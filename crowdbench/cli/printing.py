@@ -32,21 +32,33 @@ def estimate(rows: pd.DataFrame, metric: str) -> Estimate:
     return bootstrap_interval(rows[metric], np.random.default_rng(0))
 
 
-def print_tables(console: Console, store: ResultsStore, rows: Rows) -> None:
-    """One table per scenario with a column per agent, then where the rows are."""
+def print_tables(console: Console, store: ResultsStore, rows: Rows, published: Rows) -> None:
+    """One table per scenario with a column per agent, then where the rows are.
+
+    Args:
+        console: where to print.
+        store: where the rows are.
+        rows: what was run.
+        published: what the record has of the same agents in the same scenarios.
+    """
     for scenario in dict.fromkeys(cell.scenario for cell in rows):
         cells = [cell for cell in rows if cell.scenario == scenario]
         table = _table(scenario)
         table.add_column("mean [95 % interval]")
         for cell in cells:
             table.add_column(escape(cell.agent), overflow="fold")
+            if cell in published:
+                table.add_column("published", style="dim")
+        columns = [
+            part for cell in cells for part in (rows[cell], published.get(cell)) if part is not None
+        ]
         for name in TABLE_METRICS:
-            values = [_interval(estimate(rows[cell], name)) for cell in cells]
-            table.add_row(_heading(name), *values)
-        table.add_row("episodes", *(str(len(rows[cell])) for cell in cells))
-        table.add_row("ended by", *(_endings(rows[cell]) for cell in cells))
+            table.add_row(_heading(name), *(_interval(estimate(part, name)) for part in columns))
+        table.add_row("episodes", *(str(len(part)) for part in columns))
+        table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
         console.print()
+    print_published(console, {cell.agent: part for cell, part in published.items()})
     for cell, table in rows.items():
         _print_errors(console, cell, table)
     for cell in rows:
@@ -91,6 +103,20 @@ def print_comparison(console: Console, table: pd.DataFrame, first: str, second: 
         "the paired permutation test, corrected over the whole table (Holm).",
         markup=False,
     )
+
+
+def print_published(console: Console, rows: Mapping[str, pd.DataFrame]) -> None:
+    """Say of each agent how many of its rows are published, and where those were run."""
+    for agent, part in rows.items():
+        found = part[part["source"] == "published"]
+        if len(found):
+            all_of = "all" if len(found) == len(part) else f"{len(found):,} of {len(part):,}"
+            machines = "; ".join(sorted(set(found["machine"])))
+            console.print(
+                f"published: {all_of} rows of {agent}, run on {machines}",
+                markup=False,
+                soft_wrap=True,
+            )
 
 
 def _table(title: str) -> Table:

@@ -49,7 +49,8 @@ def run(
 ) -> None:
     """Run agents in scenarios.
 
-    One row per episode is stored; the same command goes on where it was stopped.
+    One row per episode is stored; the same command goes on where it was stopped. Where the same
+    agent has published episodes in the same scenario, their figures stand beside.
     """
     from crowdbench.cli.progress import ProgressBar
     from crowdbench.evaluation.pool import Limits
@@ -78,6 +79,7 @@ def run(
             raise typer.Exit(130) from None
 
     from crowdbench.cli.printing import as_document, print_tables
+    from crowdbench.evaluation.record import load_record
 
     store = ResultsStore(results)
     rows = {cell: store.rows(cell) for cell in cells}
@@ -85,5 +87,8 @@ def run(
     if as_json:
         typer.echo(json.dumps(as_document(store, rows), allow_nan=False))
     else:
-        print_tables(out(), store, rows)
+        published = {cell: load_record(cell.scenario, cell.agent) for cell in cells}
+        print_tables(
+            out(), store, rows, {cell: part for cell, part in published.items() if len(part)}
+        )
         bar.say_stored(results)

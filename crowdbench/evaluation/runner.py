@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
+from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
 from crowdbench.evaluation.appending import require_writable
 from crowdbench.evaluation.pool import Answer, Limits, Lost, Pool
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
@@ -78,7 +78,7 @@ def run(
         The cells of the tasks, in their order, to look up their rows.
 
     Raises:
-        AgentError: an agent cannot be made.
+        AgentError: an agent cannot be made, or cannot act for a scenario's drive.
         ScenarioError: a scenario has no room.
         ResultsError: the results folder cannot be written to.
     """
@@ -92,6 +92,9 @@ def run(
     with Pool(jobs, limits or Limits()) as pool:
         pool.prepare(sum(len(task.seeds) for task in tasks))
         identities = _identify(pool, [task.agent for task in tasks])
+        for task in tasks:
+            label = str(task.agent)
+            require_drive(identities[label].drives, label, task.scenario)
         cells = [_cell(task, identities[str(task.agent)]) for task in tasks]
         queue: deque[Message] = deque()
         for task, cell in zip(tasks, cells, strict=True):

@@ -56,6 +56,7 @@ class Described:
 
     weights_sha256: str
     code: str
+    drives: tuple[str, ...] | None
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class _Worker:
         self._env: CrowdEnv | None = None
         self._label = ""
         self._agents: list[Agent] = []
-        self._described = Described("", "")
+        self._described = Described("", "", None)
         self._warm = False
 
     def answer(self, message: Message) -> Answer:
@@ -147,7 +148,8 @@ class _Worker:
             episodes = lost_episode(env, job.seed, label, job.lost)
         else:
             self._make(job.agent, count=job.scenario.robots.count)
-            if self._described != Described(job.cell.weights_sha256, job.cell.code):
+            made = self._described.weights_sha256, self._described.code
+            if made != (job.cell.weights_sha256, job.cell.code):
                 raise AgentError(f"agent {label!r} was changed during the run; run again")
             if not self._warm:
                 observations, _ = env.reset(seed=job.seed)
@@ -176,7 +178,8 @@ class _Worker:
         with self._pulse.during(MAKING):
             del self._agents[count:]
             self._agents += [spec.make() for _ in range(count - len(self._agents))]
-        self._described = Described(self._agents[0].weights_sha256 or "", code_version(spec.name))
+        weights = self._agents[0].weights_sha256 or ""
+        self._described = Described(weights, code_version(spec.name), self._agents[0].drives)
 
 
 def _die_with(parent: int) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from crowdbench.agent import AgentError, AgentSpec, agent_names, describe_error, find_agent
 from crowdbench.evaluation.metrics import METRICS
+from crowdbench.messages import nearest
 from crowdbench.registry import Registry, UnknownNameError
-from crowdbench.scenario import ScenarioError, load_scenario, nearest
+from crowdbench.scenario import ScenarioError, load_scenario
 from crowdbench.study.model import Study, StudyError
 
 STUDIES: Registry[Study] = Registry("study", "crowdbench.studies", {}, of=Study)

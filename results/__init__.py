@@ -1,0 +1,1 @@
+"""The published results; what is installed of them is ``record``, see the evaluation's record."""
