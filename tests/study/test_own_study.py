@@ -134,6 +134,17 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
         ('"Blind", 2', '"planner.py:Timid", 2', "two methods have the label 'planner.py:Timid'"),
         ('"ahead"', '"../ahead"', "name '../ahead': expected letters, digits, - and _"),
         ('title="', 'shown=("2",),\n    title="', "shown '2': no such table or figure; known: 1"),
+        ("tables=(TABLE,)", "tables=(TABLE)", "tables: expected a tuple of Table, got Table("),
+        (
+            '(Quantity("path_length"), Quantity("success", "Success"))',
+            '("success",)',
+            "table '1', quantities: expected a tuple of Quantity, got ('success',)",
+        ),
+        (
+            "    METHODS,\n)",
+            "    METHODS,\n    reference={('', 'Blimd', 'success'): 1.0},\n)",
+            "table '1', reference ('', 'Blimd', 'success'): no such cell",
+        ),
         ("STUDY = ", "SECOND = Study('b', 'B', ())\nSTUDY = ", "expected one Study, found SECOND,"),
         ("STUDY = Study(", "dict(", "expected one Study, found none"),
         ("METHODS = (", "METHODS = 1 / 0 + (", "ZeroDivisionError"),
