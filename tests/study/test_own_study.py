@@ -9,7 +9,8 @@ import pytest
 
 from crowdbench.cli import main
 from crowdbench.evaluation.results import load_results
-from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table
+from crowdbench.registry import Registry
+from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table, library
 from crowdbench.study.library import STUDIES, load_study
 
 PLANNER = """
@@ -168,6 +169,21 @@ def test_what_is_no_study_is_said(place, capsys):
 def test_installed_studies_are_found_by_name():
     assert "paper" in STUDIES
     assert load_study("paper") is STUDIES["paper"]
+
+
+def test_a_package_adds_a_study_by_an_entry_point(place, monkeypatch, capsys):
+    info = place / "my_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
+    points = "[crowdbench.studies]\nahead = my_study:STUDY\ntable = my_study:TABLE\n"
+    (info / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(place)
+    fresh = Registry("study", "crowdbench.studies", {}, of=Study)
+    monkeypatch.setattr(library, "STUDIES", fresh)
+    assert main(["tables", "ahead"]) == 0
+    capsys.readouterr()
+    assert (place / "results" / "studies" / "ahead" / "README.md").is_file()
+    assert "is not a crowdbench.study.model.Study" in complaint(capsys, "table")
 
 
 def test_agents_are_named_as_their_episodes_are():
