@@ -22,6 +22,7 @@ PAGES = [
     "docs/several_robots.md",
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
+    "docs/write_a_study.md",
 ]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 

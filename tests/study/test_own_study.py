@@ -9,7 +9,8 @@ import pytest
 
 from crowdbench.cli import main
 from crowdbench.evaluation.results import load_results
-from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table
+from crowdbench.registry import Registry
+from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table, library
 from crowdbench.study.library import STUDIES, load_study
 
 PLANNER = """
@@ -134,6 +135,17 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
         ('"Blind", 2', '"planner.py:Timid", 2', "two methods have the label 'planner.py:Timid'"),
         ('"ahead"', '"../ahead"', "name '../ahead': expected letters, digits, - and _"),
         ('title="', 'shown=("2",),\n    title="', "shown '2': no such table or figure; known: 1"),
+        ("tables=(TABLE,)", "tables=(TABLE)", "tables: expected a tuple of Table, got Table("),
+        (
+            '(Quantity("path_length"), Quantity("success", "Success"))',
+            '("success",)',
+            "table '1', quantities: expected a tuple of Quantity, got ('success',)",
+        ),
+        (
+            "    METHODS,\n)",
+            "    METHODS,\n    reference={('', 'Blimd', 'success'): 1.0},\n)",
+            "table '1', reference ('', 'Blimd', 'success'): no such cell",
+        ),
         ("STUDY = ", "SECOND = Study('b', 'B', ())\nSTUDY = ", "expected one Study, found SECOND,"),
         ("STUDY = Study(", "dict(", "expected one Study, found none"),
         ("METHODS = (", "METHODS = 1 / 0 + (", "ZeroDivisionError"),
@@ -157,6 +169,21 @@ def test_what_is_no_study_is_said(place, capsys):
 def test_installed_studies_are_found_by_name():
     assert "paper" in STUDIES
     assert load_study("paper") is STUDIES["paper"]
+
+
+def test_a_package_adds_a_study_by_an_entry_point(place, monkeypatch, capsys):
+    info = place / "my_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
+    points = "[crowdbench.studies]\nahead = my_study:STUDY\ntable = my_study:TABLE\n"
+    (info / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(place)
+    fresh = Registry("study", "crowdbench.studies", {}, of=Study)
+    monkeypatch.setattr(library, "STUDIES", fresh)
+    assert main(["tables", "ahead"]) == 0
+    capsys.readouterr()
+    assert (place / "results" / "studies" / "ahead" / "README.md").is_file()
+    assert "is not a crowdbench.study.model.Study" in complaint(capsys, "table")
 
 
 def test_agents_are_named_as_their_episodes_are():
