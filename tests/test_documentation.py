@@ -16,6 +16,7 @@ PAGES = [
     "README.md",
     "docs/tutorial.md",
     "docs/add_an_agent.md",
+    "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
     "docs/write_a_scenario.md",
     "docs/several_robots.md",

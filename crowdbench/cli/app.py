@@ -26,6 +26,8 @@ from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
 from crowdbench.cli.transfer import export, import_results
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.metric import MetricError
+from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import ScenarioError
 
 app = typer.Typer(
@@ -48,7 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         app(args=None if arguments is None else list(arguments), prog_name="crowdbench")
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
-    except (UserError, ScenarioError, AgentError, ResultsError) as error:
+    except (
+        UserError, ScenarioError, AgentError, ResultsError, MetricError, UnknownNameError
+    ) as error:  # fmt: skip
         console = err()
         console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)
         return 2
