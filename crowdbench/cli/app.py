@@ -16,6 +16,7 @@ from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
 from crowdbench.cli.play import play
+from crowdbench.cli.recompute import recompute
 from crowdbench.cli.record import record
 from crowdbench.cli.replay import replay
 from crowdbench.cli.report import report
@@ -24,7 +25,8 @@ from crowdbench.cli.scenarios import scenarios
 from crowdbench.cli.show import show
 from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.cli.transfer import export, import_results
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.metric import MetricError
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import ScenarioError
@@ -36,9 +38,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    run, compare, agents, scenarios, show, record, play, train, tables, report, replay,
+    run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
+    export,
 ):  # fmt: skip
     app.command()(command)
+app.command("import")(import_results)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 DEFAULT_AGENT = "latent_planner"
 DEFAULT_SCENARIO = "multimodal_fast"
 DEFAULT_STUDY = "paper"
-RESULTS = Path("results")
+RESULTS = Path("crowdbench-results")
+PUBLISHED = Path("results")
 
 SetOption = Annotated[
     list[str] | None,

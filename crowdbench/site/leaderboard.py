@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import Cell, slug
+from crowdbench.evaluation.results import Cell
 from crowdbench.evaluation.statistics import estimate, per_episode
 from crowdbench.scenario import Scenario, scenario_names
-from crowdbench.site.replay import find_scenario
 
 _SHOWN_ERRORS = 20
 
@@ -72,13 +70,6 @@ def family(scenario: Scenario) -> str:
         return "corridor"
     share = scenario.pedestrians.reactive
     return f"open, {'reactive' if share == 1 else 'nonreactive' if share == 0 else 'mixed'}"
-
-
-def find_cell_scenario(cell: Cell, results: Path) -> Scenario | None:
-    """The scenario of stored rows, None if it is not known any more."""
-    return find_scenario(
-        cell.scenario, cell.scenario_digest, results / "episodes" / slug(cell.scenario)
-    )
 
 
 def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from crowdbench.evaluation.csv_results import load_csv_results
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import load_results, scenario_label
 from crowdbench.evaluation.statistics import Difference, Estimate, estimate, paired_difference
@@ -50,7 +51,8 @@ class Measurements:
     @classmethod
     def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
         """Read a results folder."""
-        return cls(load_results(folder), plan)
+        published = (folder / "episodes").is_dir()
+        return cls(load_csv_results(folder) if published else load_results(folder), plan)
 
     def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
         """How many episodes are stored."""

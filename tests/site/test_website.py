@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.statistics import wilson_interval
+from crowdbench.evaluation.stored import find_cells
 from crowdbench.scenario import load_scenario
 from crowdbench.site.leaderboard import family
 from crowdbench.site.replay import find_recording
@@ -157,7 +158,8 @@ def test_only_replays_of_the_rows_are_offered(whole, tmp_path):
 
 def test_a_page_of_replays_begins_with_the_first(whole, tmp_path):
     whole.run(SHORT, "straight_line", 900001)
-    recording = find_recording(next(whole.folder.glob("trajectories/*/*.gz")))
+    (cell,) = find_cells(whole.folder)
+    recording = find_recording(whole.folder, cell)
     write_replay_page([recording], tmp_path / "site")
     document = index(tmp_path / "site")
     (cell,) = document["cells"]
