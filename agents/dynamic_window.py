@@ -16,6 +16,7 @@ from typing import Annotated
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
 from crowdbench_agents.geometry.footprint import advance, point_gap
+from numpy.typing import NDArray
 from pydantic import Field
 
 import crowdbench
@@ -77,7 +78,9 @@ class DynamicWindow(crowdbench.Agent):
             self._weights,
         )
 
-    def _window(self, observation, limits):
+    def _window(
+        self, observation: crowdbench.Observation, limits: tuple[float, float]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speeds and turn rates that can be reached within one period."""
         robot = self._robot
         v, w = observation.velocity.astype(float)

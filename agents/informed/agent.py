@@ -51,7 +51,7 @@ class Informed(crowdbench.Agent):
             if self._turns
             else lines(robot.speed, robot.lateral_speed)
         )
-        self._field = None
+        self._field: DistanceField | None = None
         self._plan = np.empty((0, 2))
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:

@@ -124,7 +124,7 @@ class Neupan(crowdbench.Agent):
             ValueError: a setting out of range.
         """
         settings = load_settings(Path(config)) if config else load_settings()
-        options = {
+        options: dict[str, Any] = {
             "exact": exact,
             "predict": predict,
             "horizon": horizon,
