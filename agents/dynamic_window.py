@@ -11,14 +11,18 @@ keep their velocity. The footprint is the robot's rectangle.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
 from crowdbench_agents.geometry.footprint import advance, point_gap
 from numpy.typing import NDArray
+from pydantic import Field
 
 import crowdbench
 from crowdbench.compiled import compiled
+
+Weight = Annotated[float, Field(ge=0, le=1000)]
 
 SPEEDS, TURNS = 9, 21
 """Samples of v and of w in the window."""
@@ -37,7 +41,7 @@ REACTION = 0.4
 class DynamicWindow(crowdbench.Agent):
     """The best arc of the next period, judged by heading, free time and speed."""
 
-    def __init__(self, heading: float = 1.0, clearance: float = 1.0, speed: float = 1.0) -> None:
+    def __init__(self, heading: Weight = 1.0, clearance: Weight = 1.0, speed: Weight = 1.0) -> None:
         """Set the weights of the three terms (alpha, beta, gamma), each term in [0, 1]."""
         self._weights = np.array([heading, clearance, speed])
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, ResultsOption, UserError, err, out
+from crowdbench.cli.common import DEFAULT_STUDY, PUBLISHED, ResultsOption, UserError, err, out
 
 if TYPE_CHECKING:
     from crowdbench.study import Study
@@ -21,7 +21,7 @@ _BETWEEN_LINES = 60.0
 
 def tables(
     study: Annotated[
-        str, typer.Argument(metavar="[STUDY]", help="Name of a study, or FILE.py with one.")
+        str, typer.Argument(metavar="STUDY", help="Name of a study, or FILE.py with one.")
     ] = DEFAULT_STUDY,
     run: Annotated[
         bool, typer.Option("--run", help="Run the episodes that are missing first.")
@@ -29,12 +29,11 @@ def tables(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
-    results: ResultsOption = RESULTS,
+    results: ResultsOption = PUBLISHED,
 ) -> None:
-    """Write a study's tables and figures, by default those of the paper.
+    """Write a study's tables, verdicts, figures and page from the stored episodes.
 
-    They are made from the stored episodes, as are the verdicts and the README.md beside them. The
-    default study is written to the results folder, others to RESULTS/studies/NAME.
+    The default study goes to the results folder, others go to RESULTS/studies/NAME.
     """
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
@@ -66,7 +65,7 @@ def tables(
 
 def _run(study: Study, folder: Path, jobs: int) -> bool:
     """Run what is missing; False if some agent could not be made."""
-    from crowdbench.evaluation.appending import require_writable
+    from crowdbench.evaluation.database import require_writable
     from crowdbench.study.execution import look, run_missing
     from crowdbench.study.page import duration
 
