@@ -13,18 +13,8 @@ if TYPE_CHECKING:
 DEFAULT_AGENT = "latent_planner"
 DEFAULT_SCENARIO = "multimodal_fast"
 DEFAULT_STUDY = "paper"
-RESULTS = Path("results")
-
-TABLE_METRICS = (
-    "success",
-    "spl",
-    "smoothness",
-    "inference_s",
-    "cutoff",
-    "min_dist",
-    "ttc_below_1s",
-)
-"""What tables show unless other metrics are asked for."""
+RESULTS = Path("crowdbench-results")
+PUBLISHED = Path("results")
 
 SetOption = Annotated[
     list[str] | None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, ResultsOption, UserError, err, out
+from crowdbench.cli.common import DEFAULT_STUDY, PUBLISHED, ResultsOption, UserError, err, out
 
 if TYPE_CHECKING:
     from crowdbench.study import Study
@@ -29,7 +29,7 @@ def tables(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
-    results: ResultsOption = RESULTS,
+    results: ResultsOption = PUBLISHED,
 ) -> None:
     """Write a study's tables, verdicts, figures and page from the stored episodes.
 
@@ -65,7 +65,7 @@ def tables(
 
 def _run(study: Study, folder: Path, jobs: int) -> bool:
     """Run what is missing; False if some agent could not be made."""
-    from crowdbench.evaluation.appending import require_writable
+    from crowdbench.evaluation.database import require_writable
     from crowdbench.study.execution import look, run_missing
     from crowdbench.study.page import duration
 

@@ -115,15 +115,6 @@ def run_episode(
     return [_episode(log, env.scenario, label, seed, states) for log in logs]
 
 
-def lost_episode(env: CrowdEnv, seed: int, label: str, error: str) -> list[Episode]:
-    """Log an episode whose process was lost: the starting state and what happened."""
-    env.reset(seed=seed)
-    logs = _logs(env)
-    for log in logs:
-        log.fail(error)
-    return [_episode(log, env.scenario, label, seed, [env.state()]) for log in logs]
-
-
 def warm_up(
     env: CrowdEnv, agents: Sequence[Agent], observations: Mapping[str, Mapping[str, Any]]
 ) -> None:
@@ -167,7 +158,8 @@ def _act(
         start = time.perf_counter()
         action = agent.act(sensed)
         log.inference_s.append(time.perf_counter() - start)
-        array = np.asarray(action, dtype=np.float64)
+        # A copy: an agent may hand over the same array at every step.
+        array = np.array(action, dtype=np.float64)
     except (Exception, SystemExit) as error:
         log.fail(describe_error(error))
         return np.zeros(2)

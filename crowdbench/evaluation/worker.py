@@ -8,6 +8,7 @@ Everything heavy is imported in ``main``: the parent imports this module for the
 from __future__ import annotations
 
 import contextlib
+import copy
 import faulthandler
 import hashlib
 import os
@@ -22,8 +23,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
+from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.pulse import MAKING, WARM_UP, Pulse
-from crowdbench.evaluation.results import Cell, make_row
+from crowdbench.evaluation.results import Cell
 from crowdbench.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
@@ -39,15 +41,12 @@ class Describe:
 
 @dataclass(frozen=True)
 class Job:
-    """Run one episode, or, when ``lost`` says how its process died, log that."""
+    """Run one episode."""
 
     scenario: Scenario
     agent: AgentSpec
     cell: Cell
     seed: int
-    machine: str
-    keep_trajectory: bool
-    lost: str | None = None
 
 
 @dataclass(frozen=True)
@@ -61,10 +60,9 @@ class Described:
 
 @dataclass(frozen=True)
 class Done:
-    """Answer to Job: one row per robot, and their trajectories if asked for."""
+    """Answer to Job: what each robot did, which the parent simulates again to measure it."""
 
-    rows: list[dict[str, str]]
-    trajectories: list[bytes]
+    driven: list[Driven]
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,6 @@ def main() -> None:
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     # What is on the stack when the process crashes or is stopped tells where it was.
     faulthandler.enable(crash_fd, all_threads=False)
-    import crowdbench.evaluation.metrics
     import crowdbench.evaluation.rollout  # noqa: F401 - now, while the parent is still planning
 
     worker = _Worker(Pulse(pulse_fd))
@@ -134,34 +131,25 @@ class _Worker:
                 return self._described
             return self._run(message)
         except (AgentError, ScenarioError) as error:
-            return Refused(type(error)(str(error)))
+            return Refused(copy.copy(error))  # without what caused it, which may not travel
         except Exception:
             return Broken(traceback.format_exc())
 
     def _run(self, job: Job) -> Done:
-        from crowdbench.evaluation.metrics import metrics
-        from crowdbench.evaluation.rollout import lost_episode, run_episode, warm_up
-        from crowdbench.evaluation.trajectories import encode_episode
+        from crowdbench.evaluation.rollout import run_episode, warm_up
 
         env, label = self._environment(job.scenario), str(job.agent)
-        if job.lost is not None:
-            episodes = lost_episode(env, job.seed, label, job.lost)
-        else:
-            self._make(job.agent, count=job.scenario.robots.count)
-            made = self._described.weights_sha256, self._described.code
-            if made != (job.cell.weights_sha256, job.cell.code):
-                raise AgentError(f"agent {label!r} was changed during the run; run again")
-            if not self._warm:
-                observations, _ = env.reset(seed=job.seed)
-                with self._pulse.during(WARM_UP):
-                    warm_up(env, self._agents, observations)
-                self._warm = True
-            episodes = run_episode(
-                env, self._agents, job.seed, label=label, on_call=self._pulse.beat
-            )
-        rows = [make_row(job.cell, item, metrics(item), job.machine) for item in episodes]
-        kept = episodes if job.keep_trajectory else []
-        return Done(rows, [encode_episode(job.cell, item) for item in kept])
+        self._make(job.agent, count=job.scenario.robots.count)
+        made = self._described.weights_sha256, self._described.code
+        if made != (job.cell.weights_sha256, job.cell.code):
+            raise AgentError(f"agent {label!r} was changed during the run; run again")
+        if not self._warm:
+            observations, _ = env.reset(seed=job.seed)
+            with self._pulse.during(WARM_UP):
+                warm_up(env, self._agents, observations)
+            self._warm = True
+        episodes = run_episode(env, self._agents, job.seed, label=label, on_call=self._pulse.beat)
+        return Done([Driven.of(episode) for episode in episodes])
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv

@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
+from crowdbench.evaluation.csv_results import csv_driven
+from crowdbench.evaluation.driven import simulate
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import slug
-from crowdbench.evaluation.trajectories import load_episode, trajectory_index
+from crowdbench.evaluation.stored import find_cells, load_episodes, replayable_seeds
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation.canvas import View
 from crowdbench.simulation.env import CrowdEnv
@@ -99,10 +100,22 @@ def _picture(scenario: Scenario, seed: int) -> np.ndarray:
 
 def _stories(folder: Path) -> list[Episode]:
     """The stored runs from which Figure 6 is chosen."""
-    scenario, agent, episodes = STORY
-    path = folder / "trajectories" / slug(scenario) / f"{slug(agent)}.jsonl.gz"
-    stored = {entry.seed for entry in trajectory_index(path)}
-    return [load_episode(path, seed) for seed in sorted(stored & set(range(episodes)))]
+    name, agent, episodes = STORY
+    scenario = load_scenario(name)
+    if (folder / "episodes").is_dir():
+        return [
+            episode
+            for seed, driven in csv_driven(folder, name, agent).items()
+            if seed < episodes
+            for episode in simulate(scenario, seed, driven, label=agent)
+        ]
+    return [
+        episode
+        for cell in find_cells(folder, name, agent)
+        for seed in replayable_seeds(folder, cell)
+        if seed < episodes
+        for episode in load_episodes(folder, cell, scenario, seed) or []
+    ]
 
 
 def _moments(episode: Episode) -> np.ndarray:

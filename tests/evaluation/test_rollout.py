@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import crowdbench
-from crowdbench.evaluation.rollout import lost_episode, run_episode, warm_up
+from crowdbench.evaluation.rollout import run_episode, warm_up
 from crowdbench.simulation import streams
 
 TINY = crowdbench.load_scenario(
@@ -261,13 +261,17 @@ def test_warming_up_leaves_no_trace_and_hides_no_failure():
     warm_up(env, [Fails(exit_program, at=0)], env.reset(seed=9)[0])
 
 
-def test_a_lost_episode_says_what_happened_and_where_it_began():
-    env = crowdbench.parallel_env(TINY)
-    (lost,) = lost_episode(env, 3, "planner", "its process ended")
-    (whole,) = run_episode(env, [Drives()], seed=3)
-    assert (lost.outcome, lost.error, lost.agent) == ("agent_error", "its process ended", "planner")
-    assert lost.steps == 0
-    np.testing.assert_array_equal(lost.robot_pose[0], whole.robot_pose[0])
+def test_an_agent_that_hands_over_one_array_again_and_again_is_logged_as_it_drove():
+    class Reuses(Drives):
+        command = np.zeros(2)
+
+        def act(self, observation):
+            self.command += 0.01
+            return self.command
+
+    (episode,) = run_episode(TINY, [Reuses()], seed=0)
+    steps = np.arange(1, episode.steps + 1)[:, None]
+    np.testing.assert_allclose(episode.commands, np.repeat(0.01 * steps, 2, axis=1))
 
 
 def test_an_episode_says_where_the_robot_goes_whatever_its_drive():

@@ -9,8 +9,8 @@ import pytest
 from crowdbench_studies.paper import STUDY
 
 from crowdbench.agent import Agent, AgentSpec
+from crowdbench.evaluation.csv_results import load_csv_results
 from crowdbench.evaluation.metrics import METRICS, metrics
-from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import load_scenario
 from crowdbench.study.measurements import Measurements
@@ -25,7 +25,7 @@ DETERMINISTIC = [name for name in METRICS if name != "inference_s"]
 
 @pytest.fixture(scope="module")
 def stored():
-    rows = load_results(RESULTS)
+    rows = load_csv_results(RESULTS)
     if rows.empty:
         pytest.skip("results/episodes has no rows yet")
     return rows

@@ -93,7 +93,7 @@ def test_a_file_is_enough(place, capsys):
     assert r"Value \[95 % interval\]." in page
     assert "paper" not in page and "reference" not in page and "Where we differ" not in page
     assert "(0." not in page and "(1." not in page, "no brackets without reference values"
-    assert "| Method | path_length [m] ↓ | Success ↑ |" in page
+    assert "| Method | path length [m] ↓ | Success ↑ |" in page
     for name in re.findall(r"\]\(([^)]+)\)", page):
         assert (folder / name).is_file(), name
     rows = load_results(place / "results")
@@ -111,7 +111,7 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
     folder = place / "results" / "studies" / "ahead"
     page = (folder / "README.md").read_text()
     assert "## Where we differ from the thesis" in page
-    assert "(the thesis's value)" in page and "(0.25)" in page
+    assert "(the thesis's value)" in page and "(0.250)" in page
     (row,) = csv.DictReader((folder / "tables" / "differences.csv").open())
     assert (row["method"], row["reference"]) == ("Blind", "0.25")
     assert (folder / "tables" / "orders.csv").is_file()
@@ -201,7 +201,8 @@ def test_agents_are_named_as_their_episodes_are():
 
 def test_defaults_fill_labels_and_headings():
     assert Method("orca").label == "orca"
-    assert Quantity("path_length").heading == "path_length [m]"
+    assert Quantity("path_length").heading == "path length [m]"
+    assert Quantity("inference_s").heading == "inference [ms]"
     assert Quantity("success").heading == "success"
 
 
