@@ -10,9 +10,14 @@ it cannot follow exactly, the robot takes itself for a little larger than it is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Annotated
+
 import numpy as np
-from crowdbench_agents.geometry.clusters import Tracker
+from crowdbench_agents.geometry.clusters import Scene, Tracker
 from crowdbench_agents.geometry.footprint import arc_gap, line_gap
+from numpy.typing import NDArray
+from pydantic import Field
 
 import crowdbench
 
@@ -25,7 +30,11 @@ class Orca(crowdbench.Agent):
 
     drives = ("differential", "omnidirectional")
 
-    def __init__(self, responsibility: float = 1.0, margin: float = 0.05) -> None:
+    def __init__(
+        self,
+        responsibility: Annotated[float, Field(ge=0, le=1)] = 1.0,
+        margin: Annotated[float, Field(ge=0, le=1)] = 0.05,
+    ) -> None:
         """Choose how to behave.
 
         Args:
@@ -68,7 +77,13 @@ class Orca(crowdbench.Agent):
         v, w = self._follow(wanted @ ahead, wanted @ aside)
         return self._brake(arc_gap, v, w, still) * v, w
 
-    def _avoid(self, position, velocity, preferred, scene):
+    def _avoid(
+        self,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        preferred: NDArray[np.float64],
+        scene: Scene,
+    ) -> NDArray[np.float64]:
         """The ORCA velocity (2,) in the odometry frame [m/s]."""
         robot = self._robot
         moving, still = scene.discs[scene.moving], scene.discs[~scene.moving]
@@ -102,7 +117,13 @@ class Orca(crowdbench.Agent):
         off = bearing - turn * robot.control_period / 2
         return float(np.hypot(forward, left) * max(0.0, np.cos(off))), float(turn)
 
-    def _brake(self, gap_of, first, second, lidar):
+    def _brake(
+        self,
+        gap_of: Callable[..., float],
+        first: float,
+        second: float,
+        lidar: NDArray[np.floating],
+    ) -> float:
         """The largest share of an action with which the coming step touches nothing seen.
 
         Along an arc (``arc_gap``) the turn rate stays; along a line both speeds shrink.

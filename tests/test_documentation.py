@@ -16,6 +16,7 @@ PAGES = [
     "README.md",
     "docs/tutorial.md",
     "docs/add_an_agent.md",
+    "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
     "docs/write_a_scenario.md",
     "docs/add_a_walking_model.md",
@@ -23,6 +24,7 @@ PAGES = [
     "docs/several_robots.md",
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
+    "docs/write_a_study.md",
 ]
 
 

@@ -12,10 +12,12 @@ new goal on arrival.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
 from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, lines, search
+from pydantic import Field
 
 import crowdbench
 from crowdbench import orca_velocities
@@ -35,7 +37,7 @@ class Informed(crowdbench.Agent):
     privileged = True
     drives = ("differential", "omnidirectional")
 
-    def __init__(self, pedestrian_radius: float = 0.25) -> None:
+    def __init__(self, pedestrian_radius: Annotated[float, Field(gt=0, le=2)] = 0.25) -> None:
         """Set the radius of every pedestrian [m]."""
         self._pedestrian_radius = pedestrian_radius
 
@@ -49,7 +51,7 @@ class Informed(crowdbench.Agent):
             if self._turns
             else lines(robot.speed, robot.lateral_speed)
         )
-        self._field = None
+        self._field: DistanceField | None = None
         self._plan = np.empty((0, 2))
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:

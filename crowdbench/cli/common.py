@@ -16,17 +16,6 @@ DEFAULT_STUDY = "paper"
 RESULTS = Path("crowdbench-results")
 PUBLISHED = Path("results")
 
-TABLE_METRICS = (
-    "success",
-    "spl",
-    "smoothness",
-    "inference_s",
-    "cutoff",
-    "min_dist",
-    "ttc_below_1s",
-)
-"""What tables show unless other metrics are asked for."""
-
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field, e.g. pedestrians.count=12."),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, TABLE_METRICS, ResultsOption, out
+from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, ResultsOption, out
 
 if TYPE_CHECKING:
     from crowdbench.site.website import SiteFigure, SiteTable
@@ -26,8 +26,7 @@ def report(
 
     with tempfile.TemporaryDirectory(prefix="crowdbench-figures-") as folder:
         tables, figures = _of_study(results, Path(folder))
-        page = output or results / "report"
-        site = write_report_page(results, page, TABLE_METRICS, tables, figures)
+        site = write_report_page(results, output or results / "report", tables, figures)
     out().print(
         f"{site.page}: {site.cells} leaderboard lines from {site.episodes:,} episodes, "
         f"{site.replays:,} replays",

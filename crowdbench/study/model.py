@@ -7,11 +7,12 @@ here knows a result.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from crowdbench.agent import AgentSpec
+from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 
 if TYPE_CHECKING:
@@ -58,9 +59,8 @@ class Quantity:
 
     Attributes:
         metric: name in ``METRICS``.
-        heading: as printed, with the unit; by default the metric and its unit.
-        digits: decimals; None for two significant digits.
-        scale: factor from the stored unit to the printed one.
+        heading: as printed, with the unit; by default the metric's label and printed unit.
+        digits: decimals in the printed unit; by default the metric's.
         rounding: half a unit of a reference value's last digit, in the stored unit.
         judged: whether orders and values are judged against the reference; not where they depend
             on the machine.
@@ -68,16 +68,23 @@ class Quantity:
 
     metric: str
     heading: str = ""
-    digits: int | None = 2
-    scale: float = 1.0
+    digits: int | None = None
     rounding: float = 0.005
     judged: bool = True
 
     def __post_init__(self) -> None:
-        """Fill in the heading."""
-        unit = METRICS[self.metric].unit if self.metric in METRICS else ""
-        default = f"{self.metric} [{unit}]" if unit else self.metric
-        object.__setattr__(self, "heading", self.heading or default)
+        """Fill in the heading; a metric that nothing has is refused where the study is read."""
+        heading = self.metric
+        if self.metric in METRICS:
+            unit = METRICS[self.metric].printed_unit
+            heading = METRICS[self.metric].title(self.metric) + (f" [{unit}]" if unit else "")
+        object.__setattr__(self, "heading", self.heading or heading)
+
+    @property
+    def printed(self) -> Metric:
+        """The metric, as this table prints it."""
+        metric = METRICS[self.metric]
+        return metric if self.digits is None else replace(metric, digits=self.digits)
 
 
 @dataclass(frozen=True)
@@ -85,17 +92,12 @@ class Block:
     """Columns that belong together: scenarios, pooled if there are several.
 
     Attributes:
-        scenarios: names or YAML files whose episodes count, each with the same weight; one may
-            stand without a tuple.
+        scenarios: names or YAML files whose episodes count, each with the same weight.
         heading: as printed; empty when a table has one block only.
     """
 
     scenarios: tuple[str, ...]
     heading: str = ""
-
-    def __post_init__(self) -> None:
-        """One scenario is a tuple of one."""
-        object.__setattr__(self, "scenarios", _names(self.scenarios))
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ class Claim:
         text: the claim in words; claims that differ in the metric only may share it.
         table: number of the table that holds its episodes; its claims are corrected together.
         better, worse: agents.
-        scenarios: names, or one; pooled with equal weights.
+        scenarios: of that table; pooled with equal weights.
         metric: name in ``METRICS``.
         factor, margin: see above; 1 and 0 for a plain order.
 
@@ -149,10 +151,9 @@ class Claim:
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        """Name agents as their episodes are stored; one scenario is a tuple of one."""
+        """Name agents as their episodes are stored."""
         for name in ("better", "worse"):
             object.__setattr__(self, name, str(AgentSpec.parse(getattr(self, name))))
-        object.__setattr__(self, "scenarios", _names(self.scenarios))
 
 
 class Drawing(NamedTuple):
@@ -235,7 +236,3 @@ class Study:
             for method in table.methods
             for scenario in block.scenarios
         ]
-
-
-def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(names)
