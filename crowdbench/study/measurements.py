@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.resampling import bootstrap_mean, sign_flip_p
-from crowdbench.evaluation.results import load_results, scenario_label
+from crowdbench.evaluation.results import scenario_label
 from crowdbench.evaluation.statistics import Estimate, wilson_interval
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
@@ -35,7 +36,7 @@ class Measurements:
         """Keep the episodes that the plan asks for, of the scenarios as they are now.
 
         Args:
-            episodes: as ``load_results`` returns them.
+            episodes: as ``published_and_local`` returns them.
             plan: what a study needs, see ``Study.cells``.
         """
         self.plan = list(plan)
@@ -59,8 +60,8 @@ class Measurements:
 
     @classmethod
     def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
-        """Read a results folder."""
-        return cls(load_results(folder), plan)
+        """Read a results folder, and nothing of what is published."""
+        return cls(local_rows(folder), plan)
 
     def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
         """How many episodes are stored."""
