@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
-from crowdbench_agents.clusters import Tracker
-from crowdbench_agents.footprint import advance, point_gap
+from crowdbench_agents.geometry.clusters import Tracker
+from crowdbench_agents.geometry.footprint import advance, point_gap
 
 import crowdbench
+from crowdbench.compiled import compiled
 
 SPEEDS, TURNS = 9, 21
 """Samples of v and of w in the window."""
@@ -83,7 +83,7 @@ class DynamicWindow(crowdbench.Agent):
         return np.linspace(low, high, SPEEDS), np.linspace(right, left, TURNS)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _best(
     speeds, turns, deceleration, period, goal, top, half_length, half_width, points, discs, weights
 ):
@@ -110,7 +110,7 @@ def _best(
     return best_v, best_w
 
 
-@numba.njit(cache=True)
+@compiled()
 def _free_time(v, w, goal, half_length, half_width, points, discs):
     """Time until the arc (v, w) meets something [s], and the least gap on the way [m].
 

@@ -11,8 +11,8 @@ for multiple non-holonomic robots", DARS 2010).
 from __future__ import annotations
 
 import numpy as np
-from crowdbench_agents.clusters import Tracker
-from crowdbench_agents.footprint import arc_gap
+from crowdbench_agents.geometry.clusters import Tracker
+from crowdbench_agents.geometry.footprint import arc_gap
 
 import crowdbench
 

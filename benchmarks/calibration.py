@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from crowdbench_agents.learning.seeds import VALIDATION
 from rich.console import Console
 from rich.progress import Progress
 
@@ -20,7 +21,7 @@ from crowdbench.evaluation.results import ResultsStore
 from crowdbench.evaluation.runner import Task, run
 from crowdbench.evaluation.statistics import wilson_interval
 
-FIRST_SEED = 900_000
+FIRST_SEED = VALIDATION[0]
 
 
 def main() -> None:

@@ -24,11 +24,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.agent import LatentPlanner
-from crowdbench_agents.latent_planner.config import Config, load_config
 from crowdbench_agents.latent_planner.fast import FastPlanner
 from crowdbench_agents.latent_planner.mppi import plan
-from crowdbench_agents.latent_planner.weights import FORMAT, load_world_model, save_weights
-from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.latent_planner.world_model import FORMAT, WorldModel, load_world_model
+from crowdbench_agents.learning.config import Config, load_config
+from crowdbench_agents.learning.seeds import VALIDATION
+from crowdbench_agents.learning.weights import save_weights
 from crowdbench_agents.sac.agent import Sac
 from crowdbench_agents.sac.networks import FORMAT as ACTOR
 from crowdbench_agents.sac.networks import SacActor
@@ -40,7 +41,7 @@ import crowdbench
 
 BUDGET = {
     "horizon": 6, "iterations": 6, "candidates": 512, "elites": 64, "policy_share": 0.05,
-    "values": "final", "arcs": None, "reflect": False,
+    "values": "final", "constant_actions": None, "reflect": False,
 }  # fmt: skip
 """The paper's."""
 SCENARIO = "multimodal_fast"
@@ -98,7 +99,7 @@ class Driver:
 def observations(count: int = 60) -> list[crowdbench.Observation]:
     """What a robot sees that drives towards its goal, from as many episodes as it takes."""
     env, seen = crowdbench.parallel_env(SCENARIO), []
-    seed = 900_000
+    seed = VALIDATION[0]
     while len(seen) < count:
         observed, _ = env.reset(seed=seed)
         while env.agents and len(seen) < count:

@@ -5,7 +5,7 @@ without planning. Plans are made by the plain form of the planner for all robots
 under bfloat16, so figures are those of `crowdbench run` up to rounding and random draws.
 
     python benchmarks/planning.py runs/latent_planner/best.safetensors policy \\
-        temperature=0.1,arcs=[5,9] start=previous,max_std=1,execute=6
+        temperature=0.1,constant_actions=[5,9] start=previous,max_std=1,execute=6
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from pathlib import Path
 import numpy as np
 import torch
 import yaml
-from crowdbench_agents.latent_planner.config import Config
-from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.mppi import Score, look, plan
-from crowdbench_agents.latent_planner.validation import (
+from crowdbench_agents.latent_planner.mppi import Score, encode_views, plan
+from crowdbench_agents.latent_planner.training import policy_act
+from crowdbench_agents.latent_planner.world_model import WorldModel, load_world_model
+from crowdbench_agents.learning.config import Config
+from crowdbench_agents.learning.inputs import ActionBounds, Inputs
+from crowdbench_agents.learning.memory import keep_freed_memory
+from crowdbench_agents.learning.seeds import VALIDATION
+from crowdbench_agents.learning.validation import (
     ENVIRONMENTS,
-    FIRST_SEED,
     Act,
-    Moment,
-    policy_act,
+    PolicyInput,
     validate,
 )
-from crowdbench_agents.latent_planner.weights import load_world_model
-from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -51,22 +51,22 @@ def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -
     plans = torch.zeros(ENVIRONMENTS, horizon, 2)
 
     @torch.no_grad()
-    def act(moment: Moment) -> NDArray[np.float32]:
-        since = moment.steps % execute
+    def act(given: PolicyInput) -> NDArray[np.float32]:
+        since = given.steps % execute
         due = np.flatnonzero(since == 0)
         if len(due):
-            inputs = Inputs(*(torch.from_numpy(x[due]) for x in moment.sensed))
-            views = look(model, model.encode(inputs), inputs, planner)
-            place, begins = moment.place[due], moment.steps[due] == 0
+            inputs = Inputs(*(torch.from_numpy(x[due]) for x in given.sensed))
+            views = encode_views(model, model.encode(inputs), inputs, planner)
+            place, begins = given.place[due], given.steps[due] == 0
             later = torch.arange(execute, execute + horizon).clamp(max=horizon - 1)
             before = plans[place][:, later]
             before[begins] = 0.0
             with torch.autocast("cpu", torch.bfloat16):
                 plans[place] = plan(
-                    model, views, torch.from_numpy(moment.velocity[due]), planner,
+                    model, views, torch.from_numpy(given.velocity[due]), planner,
                     config.loss.discount, half, generator, before, score,
                 ).actions  # fmt: skip
-        return plans[moment.place, since].numpy()
+        return plans[given.place, since].numpy()
 
     return act
 
@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("weights", type=Path)
     parser.add_argument("form", nargs="+", help="policy, or setting=value,... of the planner")
     parser.add_argument("--episodes", type=int, default=20, help="per scenario")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument("--first-seed", type=int, default=VALIDATION[0])
     parser.add_argument("--scenario", action="append", help="the hardest four by default; or all")
     arguments = parser.parse_args()
     keep_freed_memory()

@@ -20,6 +20,7 @@ from typing import Any
 import daqp
 import numpy as np
 import scipy.sparse as sp
+from crowdbench_agents.learning.seeds import VALIDATION
 from crowdbench_agents.neupan.agent import Neupan
 from crowdbench_agents.neupan.nrmp import SOFT, Problem
 from rich.console import Console
@@ -28,7 +29,7 @@ from rich.table import Table
 import crowdbench
 
 SCENARIOS = ("multimodal_fast_nonreactive", "corridor_very_dense")
-FIRST_SEED = 900_000
+FIRST_SEED = VALIDATION[0]
 Solver = Callable[[Problem], np.ndarray]
 
 

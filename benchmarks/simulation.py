@@ -14,7 +14,7 @@ import sys
 import time
 
 import numpy as np
-from crowdbench_agents.perception import ObstacleMap
+from crowdbench_agents.learning.perception import ObstacleMap
 from rich.console import Console
 from rich.table import Table
 

@@ -27,15 +27,17 @@ from pathlib import Path
 import numpy as np
 import torch
 import yaml
-from crowdbench_agents.footprint import advance, point_gap
-from crowdbench_agents.latent_planner.config import Config, load_config
-from crowdbench_agents.latent_planner.crowds import Crowds
-from crowdbench_agents.latent_planner.demonstrations import final_rows
+from crowdbench_agents.geometry.footprint import advance, point_gap
 from crowdbench_agents.latent_planner.losses import model_loss
-from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.replay import NOBODY, Batch, Replay, Rows
-from crowdbench_agents.latent_planner.weights import load_world_model
-from crowdbench_agents.latent_planner.world_model import Inputs, Mlp, WorldModel
+from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel, load_world_model
+from crowdbench_agents.learning.batch import Batch
+from crowdbench_agents.learning.config import Config, load_config
+from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.memory import keep_freed_memory
+from crowdbench_agents.learning.noise import CorrelatedNoise
+from crowdbench_agents.learning.replay import NOBODY, Replay
+from crowdbench_agents.learning.seeds import WORLD_MODEL_TEST
+from crowdbench_agents.learning.vector_env import VectorEnv
 from rich.console import Console
 from scipy.stats import rankdata
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -43,54 +45,54 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 import crowdbench
 
 SCENARIOS = ("unimodal_fast_nonreactive", "multimodal_fast_nonreactive")
-FIRST_SEED, GEOMETRY_SEED = 1_900_000_000, 1_950_000_000
+FIRST_SEED, GEOMETRY_SEED = WORLD_MODEL_TEST[0], WORLD_MODEL_TEST[50_000_000]
 SUBSTEPS = 4  # of a control period, in which a gap is measured
 ENVIRONMENTS = 32
 
-Drive = Callable[[Crowds, np.ndarray, np.random.Generator], np.ndarray]
-"""Actions (E, 2) in [-1, 1], with noise (E, 2) that it moves on."""
+Drive = Callable[[VectorEnv], np.ndarray]
+"""Actions (E, 2) in [-1, 1] of all environments."""
 
 
-def move_on(noise: np.ndarray, correlation: float, std: float, rng: np.random.Generator) -> None:
-    """The next step (in place) of noise with that correlation and standard deviation."""
-    fresh = rng.normal(scale=std, size=noise.shape)
-    noise[:] = correlation * noise + np.sqrt(1 - correlation**2) * fresh
+def wander(rng: np.random.Generator) -> Drive:
+    """Towards the goals with correlated noise of standard deviation 1."""
+    noise = CorrelatedNoise((ENVIRONMENTS, 2), 1.0, 0.9, rng)
+
+    def drive(envs: VectorEnv) -> np.ndarray:
+        off = noise.step()
+        bearing = np.arctan2(envs.sensed.goal[:, 1], envs.sensed.goal[:, 0])
+        command = np.stack([0.7 + 0.4 * off[:, 0], 1.5 * bearing + off[:, 1]], axis=-1)
+        return np.clip(envs.bounds.normalised(command), -1, 1).astype(np.float32)
+
+    return drive
 
 
-def wander(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Actions (E, 2) in [-1, 1] towards the goals with correlated noise (E, 2), which moves on."""
-    move_on(noise, 0.9, 1.0, rng)
-    bearing = np.arctan2(crowds.sensed.goal[:, 1], crowds.sensed.goal[:, 0])
-    command = np.stack([0.7 + 0.4 * noise[:, 0], 1.5 * bearing + noise[:, 1]], axis=-1)
-    return np.clip(crowds.bounds.normalised(command), -1, 1).astype(np.float32)
-
-
-def policy_driver(model: WorldModel) -> Drive:
+def policy_driver(model: WorldModel, rng: np.random.Generator) -> Drive:
     """The policy with correlated noise of standard deviation 0.3."""
+    noise = CorrelatedNoise((ENVIRONMENTS, 2), 0.3, 0.8, rng)
 
-    def drive(crowds: Crowds, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        move_on(noise, 0.8, 0.3, rng)
+    def drive(envs: VectorEnv) -> np.ndarray:
+        off = noise.step()
         with torch.no_grad():
-            z = model.encode(Inputs(*map(torch.from_numpy, crowds.sensed)))
-            return np.clip(model.act(z).numpy() + noise, -1, 1).astype(np.float32)
+            z = model.encode(Inputs(*map(torch.from_numpy, envs.sensed)))
+            return np.clip(model.act(z).numpy() + off, -1, 1).astype(np.float32)
 
     return drive
 
 
 def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
     """Least gaps [m] at constant velocities over the next H steps, and whether they collided."""
-    rng, horizon = np.random.default_rng(2), config.planner.horizon
-    crowds = Crowds(ENVIRONMENTS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry)
-    everywhere, noise = np.arange(ENVIRONMENTS), np.zeros((ENVIRONMENTS, 2))
-    crowds.begin(everywhere)
-    scenario = crowds.environments[0].scenario
+    drive, horizon = wander(np.random.default_rng(2)), config.planner.horizon
+    envs = VectorEnv(ENVIRONMENTS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry)
+    everywhere = np.arange(ENVIRONMENTS)
+    envs.begin(everywhere)
+    scenario = envs.environments[0].scenario
     past: list[list[tuple]] = [[] for _ in everywhere]
     gaps, labels = [], []
     for _ in range(steps):
-        command = crowds.bounds.physical(wander(crowds, noise, rng))
+        command = envs.bounds.physical(drive(envs))
         for i in everywhere:
-            past[i].append((crowds.environments[i].state(), command[i]))
-        result = crowds.step(everywhere, command)
+            past[i].append((envs.environments[i].state(), command[i]))
+        result = envs.step(everywhere, command)
         for i in everywhere:
             collided = result.outcome[i] == "collision"
             # A collision is the label of every window that it cuts short, too.
@@ -104,7 +106,7 @@ def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
         over = np.flatnonzero(result.over)
         for i in over:
             past[i].clear()
-        crowds.begin(over)
+        envs.begin(over)
     return np.array(gaps), np.array(labels)
 
 
@@ -127,39 +129,17 @@ def collect(
     transitions: int, config: Config, names: Sequence[str], drive: Drive
 ) -> tuple[Replay, Replay]:
     """Drive with noise; the last tenth is for testing."""
-    rng = np.random.default_rng(0)
-    crowds = Crowds(ENVIRONMENTS, _episodes(FIRST_SEED, names), config.perception.geometry)
+    envs = VectorEnv(ENVIRONMENTS, _episodes(FIRST_SEED, names), config.perception.geometry)
     steps = transitions // ENVIRONMENTS
     replays = [Replay(ENVIRONMENTS, steps * 2, config.perception.cells) for _ in range(2)]
-    everywhere = np.arange(ENVIRONMENTS)
-    crowds.begin(everywhere)
-    noise = np.zeros((ENVIRONMENTS, 2))
+    everywhere, nobody = np.arange(ENVIRONMENTS), np.full(ENVIRONMENTS, NOBODY, np.uint8)
+    envs.begin(everywhere)
     for step in range(steps):
+        action, before = drive(envs), envs.sensed.copy()
+        result = envs.step(everywhere, envs.bounds.physical(action))
         replay = replays[step >= 0.9 * steps]
-        action = drive(crowds, noise, rng)
-        before = tuple(x.copy() for x in crowds.sensed)
-        result = crowds.step(everywhere, crowds.bounds.physical(action))
-        collision = result.outcome == "collision"
-        none = np.zeros(ENVIRONMENTS, bool)
-        nobody = np.full(ENVIRONMENTS, NOBODY, np.uint8)
-        replay.append(
-            everywhere,
-            Rows(
-                *before,
-                action,
-                result.reward,
-                result.social,
-                result.end,
-                collision,
-                none,
-                action,
-                nobody,
-            ),
-        )
-        over = np.flatnonzero(result.over)
-        if len(over):
-            replay.append(over, final_rows(*(x[over] for x in crowds.sensed)))
-            crowds.begin(over)
+        replay.append_step(before, action, result, action, nobody, envs.sensed)
+        envs.begin(np.flatnonzero(result.over))
     return replays[0], replays[1]
 
 
@@ -278,7 +258,8 @@ def main() -> None:
     if names == ["all"]:
         names = crowdbench.scenario_names()
     driver = arguments.driver
-    drive = policy_driver(load_world_model(driver)[0]) if driver else wander
+    rng = np.random.default_rng(0)
+    drive = policy_driver(load_world_model(driver)[0], rng) if driver else wander(rng)
     train, test = collect(arguments.transitions, config, names, drive)
     horizon = config.planner.horizon
     tests = [test.sample(500, horizon, np.random.default_rng(i)) for i in range(12)]

@@ -8,7 +8,8 @@ The names in ``__all__`` are the public interface:
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
 - ``Episode``: the log of one robot's run;
-- ``orca_velocities``: how the pedestrians avoid each other.
+- extensions: a ``Drive`` gives a robot's actions their meaning, a ``WalkingModel`` says how a
+  ``Crowd`` walks, and ``orca_velocities`` is how the pedestrians avoid each other by default.
 
 ``crowdbench --help`` says what the command line can do.
 """
@@ -28,14 +29,19 @@ if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
     from crowdbench.simulation.env import CrowdEnv, parallel_env
     from crowdbench.simulation.gym_env import CrowdNavEnv
+    from crowdbench.simulation.kinematics import Drive
     from crowdbench.simulation.orca import orca_velocities
+    from crowdbench.simulation.walking import Crowd, WalkingModel
 
 # Heavy, so imported on first use: ``crowdbench --help`` answers at once.
 _LAZY = {
+    "Crowd": "crowdbench.simulation.walking",
     "CrowdEnv": "crowdbench.simulation.env",
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
+    "Drive": "crowdbench.simulation.kinematics",
     "Episode": "crowdbench.evaluation.episode",
     "orca_velocities": "crowdbench.simulation.orca",
+    "WalkingModel": "crowdbench.simulation.walking",
     "parallel_env": "crowdbench.simulation.env",
 }
 
@@ -44,13 +50,16 @@ __all__ = [
     "Agent",
     "AgentError",
     "AgentSpec",
+    "Crowd",
     "CrowdEnv",
     "CrowdNavEnv",
+    "Drive",
     "Episode",
     "Observation",
     "RobotSpec",
     "Scenario",
     "ScenarioError",
+    "WalkingModel",
     "load_scenario",
     "orca_velocities",
     "parallel_env",

@@ -27,18 +27,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_origin, get_type_hints
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
-from crowdbench.scenario import Scenario, nearest
+from crowdbench.messages import allowed, nearest, short
+from crowdbench.scenario import Scenario
+from crowdbench.strict_yaml import YamlError, dump_scalar, load_yaml
 
 ENTRY_POINT_GROUP = "crowdbench.agents"
 
 Action = tuple[float, float] | NDArray[np.floating]
-"""(v [m/s], w [rad/s])"""
+"""Two numbers; for a differential drive v [m/s], w [rad/s], for others see ``RobotSpec.drive``."""
 
 
 class AgentError(ValueError):
@@ -51,10 +53,13 @@ class RobotSpec:
 
     Attributes:
         name: the robot's name in the environment, e.g. ``robot_0``.
+        drive: what an action is: ``differential`` v [m/s], w [rad/s]; ``omnidirectional`` speeds
+            ahead and to the left [m/s]; or the name of another drive.
         length, width: footprint [m], centred on the pose, length along the heading.
         speed: lowest and highest forward speed [m/s].
-        turn_rate: lowest and highest turn rate [rad/s], left positive.
-        acceleration: limits on ``|dv/dt|`` [m/s^2] and ``|dw/dt|`` [rad/s^2], or None.
+        turn_rate: lowest and highest turn rate [rad/s], left positive; differential drive.
+        lateral_speed: lowest and highest speed to the left [m/s]; omnidirectional drive.
+        acceleration: limits on the change of either number of an action in a second, or None.
         control_period: time between two actions [s].
         goal_tolerance: distance at which the goal counts as reached [m].
         lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
@@ -62,10 +67,12 @@ class RobotSpec:
     """
 
     name: str
+    drive: str
     length: float
     width: float
     speed: tuple[float, float]
     turn_rate: tuple[float, float]
+    lateral_speed: tuple[float, float]
     acceleration: tuple[float, float] | None
     control_period: float
     goal_tolerance: float
@@ -78,10 +85,12 @@ class RobotSpec:
         robots = scenario.robots
         return cls(
             name=name,
+            drive=robots.drive,
             length=robots.length,
             width=robots.width,
             speed=robots.speed,
             turn_rate=robots.turn_rate,
+            lateral_speed=robots.lateral_speed,
             acceleration=robots.acceleration,
             control_period=scenario.control_period,
             goal_tolerance=robots.goal_tolerance,
@@ -119,7 +128,7 @@ class Observation:
 
     Attributes:
         lidar: (beams,) float32 distances from the robot's centre [m].
-        velocity: (2,) float32 current v [m/s] and w [rad/s].
+        velocity: (2,) float32 what the drive does now, in the terms of an action.
         goal: (2,) float32 goal in the robot frame, x ahead, y left [m].
         pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero.
         state: everything about the world (``CrowdEnv.state()``); None unless the agent is
@@ -134,10 +143,17 @@ class Observation:
 
 
 class Agent(ABC):
-    """A planner. Keyword arguments of ``__init__`` are its options (``name:option=value``)."""
+    """A planner. Keyword arguments of ``__init__`` are its options (``name:option=value``).
+
+    An option annotated with a range, ``gain: Annotated[float, pydantic.Field(gt=0, le=5)]``, is
+    checked before the agent is made, and whoever gives another value is told the range.
+    """
 
     privileged: ClassVar[bool] = False
     """If true, ``observation.state`` is filled in: for ceilings and tests, never for comparison."""
+
+    drives: ClassVar[tuple[str, ...] | None] = ("differential",)
+    """Names of the drives that it can act for, see ``RobotSpec.drive``; None for all."""
 
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""
@@ -151,7 +167,10 @@ class Agent(ABC):
 
     @abstractmethod
     def act(self, observation: Observation) -> Action:
-        """Return (v [m/s], w [rad/s]) for the next control period; out-of-range is clipped."""
+        """Return the action for the next control period; what is out of range is clipped.
+
+        For a differential drive this is (v [m/s], w [rad/s]).
+        """
 
     def diagnostics(self) -> dict[str, float]:
         """Counters of the episode that just ended (e.g. failed solves), stored with its log."""
@@ -178,14 +197,13 @@ class AgentSpec:
     def __post_init__(self) -> None:
         """Make sure that the text, by which results are told apart, says everything."""
         for key, value in self.options.items():
-            text = _scalar(value)
-            if "," in text or isinstance(value, list | dict) or yaml.safe_load(text) != value:
+            if not _says_everything(value):
                 raise AgentError(
-                    f"agent {self.name!r}, option {key!r}: expected a number, true, false, null "
-                    f"or text without commas, got {value!r}"
+                    f"agent {short(self.name)}, option {short(key)}: expected a number, true, "
+                    f"false, null or text without commas, got {short(value)}"
                 )
         if not str(self).isprintable():
-            raise AgentError(f"agent {str(self)!r}: a name must be printable")
+            raise AgentError(f"agent {short(str(self))}: a name must be printable")
 
     @classmethod
     def parse(cls, text: str) -> AgentSpec:
@@ -202,33 +220,70 @@ class AgentSpec:
         for item in filter(None, (part.strip() for part in rest.split(","))):
             key, separator, value = item.partition("=")
             if not separator or not key.strip():
-                raise AgentError(f"agent {text!r}: expected option=value, got {item!r}")
+                raise AgentError(f"agent {short(text)}: expected option=value, got {short(item)}")
             try:
-                options[key.strip()] = yaml.safe_load(value)
-            except yaml.YAMLError as error:
-                raise AgentError(f"agent {text!r}: {value!r} is not a YAML value") from error
+                options[key.strip()] = load_yaml(value)
+            except YamlError as error:
+                raise AgentError(
+                    f"agent {short(text)}: {short(value)} is not a YAML value ({error})"
+                ) from error
         return cls(name, options)
 
     def __str__(self) -> str:
-        options = ",".join(f"{key}={_scalar(self.options[key])}" for key in sorted(self.options))
+        options = ",".join(
+            f"{key}={dump_scalar(self.options[key])}" for key in sorted(self.options)
+        )
         return f"{self.name}:{options}" if options else self.name
 
     def make(self) -> Agent:
         """Find the class and make the agent.
 
         Raises:
-            AgentError: unknown agent or option (the nearest are listed), or a broken file.
+            AgentError: unknown agent or option (the nearest are listed), an option outside the
+                range that the agent declares for it, or a broken file.
         """
         factory = find_agent(self.name)
         accepted = agent_options(factory)
         for key in self.options:
             if key not in accepted:
                 known = nearest(key, list(accepted)) if accepted else "; it takes no options"
-                raise AgentError(f"agent {self.name!r} has no option {key!r}{known}")
+                raise AgentError(f"agent {short(self.name)} has no option {short(key)}{known}")
+        self._check_ranges(factory)
         try:
             return factory(**self.options)
         except (Exception, SystemExit) as error:
-            raise AgentError(f"agent {str(self)!r}: {describe_error(error)}") from error
+            raise AgentError(f"agent {short(str(self))}: {describe_error(error)}") from error
+
+    def _check_ranges(self, factory: type[Agent]) -> None:
+        for key, kind in _declared_ranges(factory).items():
+            if key not in self.options:
+                continue
+            value = self.options[key]
+            try:
+                TypeAdapter(kind).validate_python(value, strict=True)
+            except ValidationError as error:
+                raise AgentError(
+                    f"agent {short(self.name)}, option {key!r}: expected {allowed(kind)}, "
+                    f"got {short(value)}"
+                ) from error
+
+
+def require_drive(drives: tuple[str, ...] | None, label: str, scenario: Scenario) -> None:
+    """Make sure that an agent can act for the robots of a scenario.
+
+    Args:
+        drives: as the agent declares them.
+        label: its name.
+        scenario: where it is to drive.
+
+    Raises:
+        AgentError: it declares other drives.
+    """
+    if drives is not None and scenario.robots.drive not in drives:
+        raise AgentError(
+            f"agent {label!r} drives {' or '.join(drives)} robots only, and those of scenario "
+            f"{scenario.name!r} are {scenario.robots.drive} (robots.drive)"
+        )
 
 
 def describe_error(error: BaseException) -> str:
@@ -266,12 +321,12 @@ def find_agent(name: str) -> type[Agent]:
                 return _checked(point.load(), name)
             except (ImportError, AttributeError) as error:
                 raise AgentError(f"agent {name!r}: {describe_error(error)}") from error
-    raise AgentError(f"unknown agent {name!r}{nearest(name, agent_names())}")
+    raise AgentError(f"unknown agent {short(name)}{nearest(name, agent_names())}")
 
 
 def _from_file(path: Path, class_name: str) -> type[Agent]:
-    if not path.is_file():
-        raise AgentError(f"agent file {str(path)!r} does not exist")
+    if not _is_file(path):
+        raise AgentError(f"agent file {short(str(path))} does not exist")
     unique = hashlib.sha256(str(path.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:8]
     module_name = f"crowdbench_plugin_{path.stem}_{unique}"
     spec = importlib.util.spec_from_file_location(module_name, path)
@@ -299,12 +354,34 @@ def _from_file(path: Path, class_name: str) -> type[Agent]:
     return classes[class_name]
 
 
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a path that is too long, or through a folder that nobody may enter
+        return False
+
+
 def _checked(value: Any, name: str) -> type[Agent]:
     if not (inspect.isclass(value) and issubclass(value, Agent)):
         raise AgentError(f"agent {name!r}: {value!r} is not a subclass of crowdbench.Agent")
     return value
 
 
-def _scalar(value: Any) -> str:
-    text = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=sys.maxsize)
-    return text.removesuffix("\n...\n").strip()
+def _says_everything(value: Any) -> bool:
+    """Whether an option's text gives the option back."""
+    if isinstance(value, list | dict):
+        return False
+    try:
+        text = dump_scalar(value)
+        return "," not in text and bool(load_yaml(text) == value)
+    except YamlError:
+        return False
+
+
+def _declared_ranges(factory: type[Agent]) -> dict[str, Any]:
+    """Options whose annotation in ``__init__`` is ``Annotated`` with a range."""
+    try:
+        hints = get_type_hints(factory.__init__, include_extras=True)
+    except Exception:  # annotations are the agent's own; they need not mean anything here
+        return {}
+    return {key: hint for key, hint in hints.items() if get_origin(hint) is Annotated}

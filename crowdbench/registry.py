@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
-from crowdbench.scenario import nearest
+from crowdbench.messages import nearest, short
 
 T = TypeVar("T")
 
@@ -22,17 +22,25 @@ class UnknownNameError(ValueError):
 class Registry(Mapping[str, T], Generic[T]):
     """A mapping from names to objects of one kind; an object of a package loads when asked for."""
 
-    def __init__(self, kind: str, group: str, builtin: Mapping[str, T], of: type[Any]) -> None:
+    def __init__(
+        self, kind: str, group: str, builtin: Mapping[str, T | str], of: type[Any]
+    ) -> None:
         """Start with what is built in.
 
         Args:
             kind: what the objects are, as messages say it, e.g. ``"metric"``.
             group: entry-point group under which other packages add theirs.
-            builtin: by name.
+            builtin: by name; ``module:attribute`` stands for an object that loads when asked for.
             of: what an object has to be an instance of.
         """
         self._kind, self._group, self._of = kind, group, of
-        self._known: dict[str, T] = dict(builtin)
+        self._known: dict[str, T] = {}
+        self._builtin: dict[str, EntryPoint] = {}
+        for name, value in builtin.items():
+            if isinstance(value, str):
+                self._builtin[name] = EntryPoint(name, value, group)
+            else:
+                self._known[name] = value
         self._points: dict[str, EntryPoint] | None = None
 
     def register(self, name: str, value: T) -> None:
@@ -52,9 +60,9 @@ class Registry(Mapping[str, T], Generic[T]):
             UnknownNameError: nothing has it (the nearest are listed), or it cannot be loaded.
         """
         if name not in self._known:
-            point = self._others().get(name)
+            point = self._builtin.get(name) or self._others().get(name)
             if point is None:
-                raise UnknownNameError(f"unknown {self._kind} {name!r}{nearest(name, list(self))}")
+                raise UnknownNameError(self.unknown(name))
             try:
                 value = point.load()
             except Exception as error:
@@ -66,18 +74,23 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._known[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._known or name in self._others()
+        return name in self._known or name in self._builtin or name in self._others()
 
     def __iter__(self) -> Iterator[str]:
-        return iter(list(dict.fromkeys([*self._known, *self._others()])))
+        return iter(list(dict.fromkeys([*self._builtin, *self._known, *self._others()])))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
 
+    def unknown(self, name: str) -> str:
+        """What to say of a name that nothing has: the nearest, or all there are."""
+        return f"unknown {self._kind} {short(name)}{nearest(name, list(self))}"
+
     def _others(self) -> dict[str, EntryPoint]:
         if self._points is None:
             points = sorted(entry_points(group=self._group), key=lambda point: point.name)
-            self._points = {p.name: p for p in points if p.name not in self._known}
+            taken = self._known.keys() | self._builtin.keys()
+            self._points = {p.name: p for p in points if p.name not in taken}
         return self._points
 
     def _checked(self, name: str, value: T) -> T:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
 import pytest
 from crowdbench_studies.paper import STUDY
 
 from crowdbench.agent import AgentSpec
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import Cell, ResultsStore
+from crowdbench.evaluation.results import Cell, Origin, Result, ResultsStore
 from crowdbench.scenario import load_scenario
 from crowdbench.study.measurements import Measurements
 
@@ -36,21 +37,30 @@ class Episodes:
             "weights_sha256": "",
             "code": "crowdbench-nav 0.1.0",
             "outcome": "success",
-            "steps": "40",
-            "error": "",
-            "diagnostics": "{}",
+            "steps": 40,
             "machine": "a machine",
             "timestamp": "2025-01-01T00:00:00+00:00",
             **(fixed or {}),
         }
-        cell = Cell(**{name: facts[name] for name in Cell.__dataclass_fields__})
-        rows = []
+        cell, origin, result = (
+            {name: facts[name] for name in kind.__dataclass_fields__ if name in facts}
+            for kind in (Cell, Origin, Result)
+        )
+        results = []
         for number in range(len(next(iter(values.values())))):
             metrics = {
-                name: repr(float(values.get(name, {number: "nan"})[number])) for name in METRICS
+                name: float(values.get(name, {number: math.nan})[number]) for name in METRICS
             }
-            rows.append({**facts, "seed": str(first + number), "robot": robot, **metrics})
-        ResultsStore(self.folder).append(cell, rows)
+            results.append(
+                Result(
+                    seed=first + number,
+                    robot=robot,
+                    metrics=metrics,
+                    origin=Origin(**origin),
+                    **result,
+                )
+            )
+        ResultsStore(self.folder).append(Cell(**cell), results)
 
     def measured(self, plan=None):
         """By default of what the paper's study needs."""
@@ -93,19 +103,17 @@ class Whole:
     def run(self, scenario, agent, seed, *, label=None, name=None, weights="", **changes):
         """Run and store an episode; ``label`` and ``name`` replace agent and scenario in it."""
         from crowdbench.evaluation.metrics import metrics
-        from crowdbench.evaluation.results import make_row, scenario_label
+        from crowdbench.evaluation.results import scenario_label
         from crowdbench.evaluation.rollout import run_episode
-        from crowdbench.evaluation.trajectories import TrajectoryStore, encode_episode
 
         world = load_scenario(scenario)
         agent_name, scenario_name = label or agent, name or scenario_label(world)
         cell = Cell(scenario_name, world.digest, agent_name, "{}", "0.1.0", weights, "by hand")
         store = ResultsStore(self.folder)
-        store.describe_scenario(cell, world)
+        origin = Origin(machine="a machine")
         for run in run_episode(world, agent, seed, label=agent_name):
             episode = dataclasses.replace(run, **changes)
-            TrajectoryStore(self.folder).append(cell, [encode_episode(cell, episode)])
-            store.append(cell, [make_row(cell, episode, metrics(episode), "a machine")])
+            store.append(cell, [Result.of(episode, metrics(episode), origin)], world)
             self.episodes[scenario_name, agent_name, seed, episode.robot] = episode
         return episode
 

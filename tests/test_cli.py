@@ -22,6 +22,7 @@ from crowdbench.cli import main
 from crowdbench.cli.printing import print_comparison
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.rollout import run_episode
+from crowdbench.evaluation.stored import find_cells, find_scenario
 from crowdbench.scenario import scenario_names
 
 TINY = """
@@ -97,7 +98,7 @@ def test_help_names_every_command(capsys):
         assert re.search(rf"^\W+{command} ", text, re.MULTILINE)
 
 
-@pytest.mark.parametrize("option", ["--set", "--step-limit", "--save-trajectories", "--json"])
+@pytest.mark.parametrize("option", ["--set", "--step-limit", "--json"])
 def test_help_of_run_names_its_options(capsys, option):
     assert main(["run", "--help"]) == 0
     assert option in capsys.readouterr().out
@@ -139,8 +140,7 @@ def test_a_run_ends_with_a_table_and_says_where_the_rows_are(place, capsys):
     assert re.search(r"success ↑ +\S+ \[\S+, \S+\]", text)
     assert re.search(rf"min_dist ↑ \[m\] +{rows['min_dist'].mean():.3} \[\S+, \S+\]", text)
     assert re.search(r"episodes +4", text)
-    for path in re.findall(r"rows: (.*)", text):
-        assert len(Path(path).read_text().splitlines()) == 5
+    assert re.findall(r"rows: (.*)", text) == [str(place / "results" / "results.sqlite")]
     assert re.search(r"\d agent_error", text)
     assert "of 4 episodes ended by an agent error, first with seed" in text
     assert "RuntimeError: no idea (" in text
@@ -168,10 +168,15 @@ def test_an_overridden_scenario_has_rows_of_its_own(place, capsys):
     assert run(place, *arguments, "--set", "pedestrians.count=1") == 0
     (cell,) = json.loads(capsys.readouterr().out)["cells"]
     assert cell["episodes"] == 1
-    definition = json.loads(Path(cell["file"]).with_name("scenario.json").read_text())
-    assert definition["pedestrians"]["count"] == 1
+    assert cell["file"] == str(place / "results" / "results.sqlite")
+    stored = next(
+        found
+        for found in find_cells(place / "results", cell["scenario"])
+        if found.scenario_digest == cell["scenario_digest"]
+    )
+    assert find_scenario(place / "results", stored).pedestrians.count == 1
     plain = json.loads((place / "output.json").read_text())["cells"][0]
-    assert (cell["agent"], cell["file"]) != (plain["agent"], plain["file"])
+    assert (cell["agent"], cell["scenario"]) != (plain["agent"], plain["scenario"])
     assert len(load_results(place / "results", scenario=plain["scenario"])) == 8
 
 
@@ -214,6 +219,12 @@ def test_a_narrow_terminal_cuts_no_number_off():
         (["run", "--set", "pedestrians.cout=1"], "did you mean 'count'?"),
         (["run", "--set", "pedestrians.count=-1"], "-1 is out of range; allowed: >= 0 and <= 500"),
         (["run", "--set", "pedestrians.count"], "expected key=value"),
+        (
+            ["run", "-a", "latent_planner", "--set", "robots.drive=omnidirectional"],
+            "agent 'latent_planner' drives differential robots only",
+        ),
+        (["run", "--set", "robots.drive=hover"], "unknown drive 'hover'; known: differential, "),
+        (["run", "--set", "pedestrians.model=walk"], "known: orca, social_force, straight"),
         (["show", "open_x"], "unknown scenario 'open_x'"),
         (["record", "open", "-o", "x.avi"], "expected a name that ends in .gif or .mp4"),
         (["train", "latent_planer"], "'latent_planer'; did you mean 'latent_planner'?"),
@@ -224,7 +235,44 @@ def test_a_narrow_terminal_cuts_no_number_off():
 def test_a_mistake_is_answered_in_one_line(tmp_path, monkeypatch, capsys, arguments, told):
     monkeypatch.chdir(tmp_path)
     assert told in complaint(capsys, *arguments)
-    assert not list(tmp_path.glob("results/*/*"))
+    assert not list(tmp_path.glob("**/results.sqlite"))
+
+
+CHEAT = """
+import crowdbench.evaluation.driven as driven
+of = driven.Driven.of
+
+def claim(episode):
+    import dataclasses
+    return dataclasses.replace(of(episode), outcome="success")
+
+driven.Driven.of = staticmethod(claim)
+"""
+
+
+def test_episodes_that_are_not_what_was_told_of_them_are_named_at_the_end(place, tmp_path, capsys):
+    (tmp_path / "cheat.py").write_text(PLANNER + CHEAT)
+    agent = f"{tmp_path}/cheat.py:Planner"
+    arguments = ["run", "-s", f"{place}/tiny.yaml", "-a", agent, "--results", str(tmp_path)]
+    assert main([*arguments, "-a", "straight_line", "-j", "1", "-n", "2", "--seed", "7"]) == 1
+    captured = capsys.readouterr()
+    assert re.search(r"episodes +0 +2", captured.out)
+    for seed in (7, 8):
+        told = (
+            rf"not stored: {re.escape(agent)} in tiny@\w+: .*seed {seed}, robot_0: said to end wit"
+        )
+        assert re.search(told, captured.err)
+    assert "2 episodes are not what the agent's process told of them" in captured.err
+    assert set(load_results(tmp_path)["agent"]) == {"straight_line"}
+
+
+@pytest.mark.usefixtures("place")
+def test_the_first_command_runs_and_stores_in_a_folder_of_its_own(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    assert main(["run", "-s", "tiny.yaml", "-a", "straight_line", "-n", "1", "-j", "1"]) == 0
+    assert "rows: crowdbench-results/results.sqlite" in capsys.readouterr().out
+    assert [path.name for path in (tmp_path / "crowdbench-results").iterdir()] == ["results.sqlite"]
 
 
 def test_a_results_folder_that_is_none_is_found_out_at_once(place, tmp_path, capsys):

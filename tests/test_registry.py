@@ -1,5 +1,7 @@
 """Extension points: found by name, built in or from another package."""
 
+import sys
+
 import pytest
 
 from crowdbench.registry import Registry, UnknownNameError
@@ -38,6 +40,18 @@ def test_what_is_unknown_or_broken_is_said(registry):
         registry["broken"]
     with pytest.raises(UnknownNameError, match=r"number 'word': 'seven' is not a builtins.int"):
         registry["word"]
+
+
+def test_a_built_in_one_named_by_its_place_loads_when_asked_for(registry, tmp_path):
+    (tmp_path / "heavy.py").write_text("NUMBER = 8\n")
+    lazy = Registry("number", "test.numbers", {"one": "heavy:NUMBER", "two": 2}, of=int)
+    assert list(lazy) == ["one", "two", "broken", "seven", "word"]
+    assert "one" in lazy
+    assert "heavy" not in sys.modules
+    assert lazy["one"] == 8
+    assert list(lazy)[:2] == ["one", "two"]
+    with pytest.raises(ValueError, match="is there already"):
+        lazy.register("one", 4)
 
 
 def test_registering_for_this_process(registry):

@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from crowdbench_agents.learned_agent import LearnedAgent
+from crowdbench_agents.learning.agent import LearnedAgent
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import crowdbench
 
 if TYPE_CHECKING:
-    from crowdbench_agents.latent_planner.config import Config
-    from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
+    from crowdbench_agents.latent_planner.world_model import WorldModel
+    from crowdbench_agents.learning.config import Config
+    from crowdbench_agents.learning.inputs import Inputs
 
 
 class Options(BaseModel):
@@ -31,7 +32,7 @@ class Options(BaseModel):
     iterations: Annotated[int, Field(ge=1)] | None
     candidates: Annotated[int, Field(ge=1)] | None
     elites: Annotated[int, Field(ge=1)] | None
-    arcs: bool
+    constant_actions: bool
     reflect: bool | None
     values: Literal["final", "mean", "lambda"] | None
     threads: Annotated[int, Field(ge=1, le=256)] | None
@@ -53,8 +54,8 @@ class LatentPlanner(LearnedAgent):
             weights' configuration; with fewer candidates than elites all are elites.
         candidates: per iteration, those of the policy included (512 in the paper).
         elites: candidates that the next iteration's Gaussian is fitted to (64 in the paper).
-        arcs: whether there are further candidates that keep to one action, where the weights'
-            configuration has them.
+        constant_actions: whether there are further candidates that keep to one action, where the
+            weights' configuration has them.
         reflect: whether candidates are scored with left and right swapped as well.
         values: what counts of the values: "final", the Q behind the horizon, the paper's score;
             "mean", the mean of the returns of 1 .. H steps; or "lambda", their lambda-return.
@@ -78,7 +79,7 @@ class LatentPlanner(LearnedAgent):
         iterations: int | None = None,
         candidates: int | None = None,
         elites: int | None = None,
-        arcs: bool = True,
+        constant_actions: bool = True,
         reflect: bool | None = None,
         values: str | None = None,
         threads: int | None = None,
@@ -93,7 +94,7 @@ class LatentPlanner(LearnedAgent):
             iterations=iterations,
             candidates=candidates,
             elites=elites,
-            arcs=arcs,
+            constant_actions=constant_actions,
             reflect=reflect,
             values=values,
             threads=threads,
@@ -125,23 +126,23 @@ class LatentPlanner(LearnedAgent):
         return {"plans": float(self._plans)}
 
     def _form(self) -> str:
-        from crowdbench_agents.latent_planner.weights import FORMAT
+        from crowdbench_agents.latent_planner.world_model import FORMAT
 
         return FORMAT
 
     def _load(self, path: Path) -> tuple[WorldModel, Config]:
         import torch
-        from crowdbench_agents.latent_planner.config import Planner
         from crowdbench_agents.latent_planner.fast import FastPlanner
-        from crowdbench_agents.latent_planner.weights import load_world_model
+        from crowdbench_agents.latent_planner.world_model import load_world_model
+        from crowdbench_agents.learning.config import Planner
 
         model, config = load_world_model(path)
         options = self.options
         changes = options.model_dump(
-            include=set(Planner.model_fields), exclude={"arcs"}, exclude_none=True
+            include=set(Planner.model_fields), exclude={"constant_actions"}, exclude_none=True
         )
-        if not options.arcs:
-            changes["arcs"] = None
+        if not options.constant_actions:
+            changes["constant_actions"] = None
         if not options.policy_prior:
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)
@@ -152,7 +153,7 @@ class LatentPlanner(LearnedAgent):
     def _decide(self, inputs: Inputs) -> NDArray[np.float32]:
         """(H, 2) actions in [-1, 1], or (E, 2) of the policy alone."""
         import torch
-        from crowdbench_agents.latent_planner.mppi import look
+        from crowdbench_agents.latent_planner.mppi import encode_views
 
         model: WorldModel = self._network
         z = model.encode(inputs)
@@ -164,7 +165,7 @@ class LatentPlanner(LearnedAgent):
             return torch.stack(actions).numpy()
         previous = self._bounds.normalised(inputs.velocity.numpy())
         result = self._planner.plan(
-            look(model, z, inputs, self._settings),
+            encode_views(model, z, inputs, self._settings),
             torch.from_numpy(previous),
             self._settings,
             self._config.loss.discount,

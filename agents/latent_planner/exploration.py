@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.config import Config
-from crowdbench_agents.latent_planner.crowds import Sensed
-from crowdbench_agents.latent_planner.mppi import look, plan
-from crowdbench_agents.latent_planner.replay import NOBODY, PLANNER
-from crowdbench_agents.latent_planner.world_model import ActionBounds, Inputs, WorldModel
+from crowdbench_agents.latent_planner.mppi import encode_views, plan
+from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning.config import Config
+from crowdbench_agents.learning.inputs import ActionBounds, Inputs
+from crowdbench_agents.learning.noise import CorrelatedNoise
+from crowdbench_agents.learning.replay import NOBODY, PLANNER
+from crowdbench_agents.learning.vector_env import Sensed
 from numpy.typing import NDArray
 
 
@@ -55,7 +57,10 @@ class Explorer:
         self._at = np.zeros(count, np.int64)
         self._left = np.zeros(count, np.int64)
         self._exploring = np.zeros(count, bool)
-        self._noise = np.zeros((count, 2))
+        training = config.training
+        self._noise = CorrelatedNoise(
+            (count, 2), training.noise, training.noise_correlation, self.rng
+        )
         self._last = torch.zeros(count, 2)
         self._planning = np.arange(count) < config.training.planning_environments
 
@@ -86,11 +91,7 @@ class Explorer:
         at = np.minimum(self._at, self._plans.shape[1] - 1)  # where nothing is planned it runs on
         planned = self._plans[torch.arange(count), torch.from_numpy(at)]
         action = torch.where(planning[:, None], planned, action).numpy()
-        training = self._config.training
-        rho = training.noise_correlation
-        fresh = self.rng.normal(scale=training.noise, size=(count, 2))
-        self._noise = rho * self._noise + np.sqrt(1 - rho**2) * fresh
-        explored = action + self._noise * self._exploring[:, None]
+        explored = action + self._noise.step() * self._exploring[:, None]
         executed = np.clip(explored, -1, 1).astype(np.float32)
         self._last = torch.from_numpy(executed)
         # What was planned some steps ago, blind to what has been seen since, is no good example.
@@ -112,7 +113,7 @@ class Explorer:
             steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
             warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
             seen = Inputs(*(x[due] for x in inputs))
-            views = look(self._model, z[due], seen, self._config.planner)
+            views = encode_views(self._model, z[due], seen, self._config.planner)
             self._plans[due] = plan(
                 self._model, views, self._last[due], self._config.planner,
                 self._config.loss.discount, self._half, self.generator, warm_start,

@@ -3,7 +3,8 @@
 What is saved, none of which changes a score by more than rounding:
 
 - all candidates of a view start from the same z, so its part of the first layers is computed once;
-- the policy's candidates and the arcs stay the same over the iterations and are scored once;
+- the policy's candidates and the constant actions stay the same over the iterations and are
+  scored once;
 - candidates are rolled out in blocks whose intermediate results stay in the cache, one thread per
   block, instead of splitting each small matrix product between threads;
 - matrix products go through oneDNN, which on many CPUs is faster than the BLAS that PyTorch uses
@@ -19,17 +20,18 @@ from threading import Barrier
 from typing import NamedTuple
 
 import torch
-from crowdbench_agents.latent_planner.config import Planner
 from crowdbench_agents.latent_planner.mppi import (
     Plan,
     Score,
-    arcs,
+    constant_actions,
     refit,
-    roughness,
-    signs,
+    smoothness_penalty,
     value_shares,
+    view_signs,
 )
-from crowdbench_agents.latent_planner.world_model import ACTION, Mlp, WorldModel
+from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel
+from crowdbench_agents.learning.config import Planner
+from crowdbench_agents.learning.inputs import ACTION
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, linear, silu
 
@@ -82,10 +84,10 @@ class FastPlanner:
         std = torch.full_like(mean, settings.max_std)
 
         def penalty(candidates: Tensor) -> Tensor:
-            rough = roughness(candidates, previous, half_range)
+            rough = smoothness_penalty(candidates, previous, half_range)
             return settings.smoothness_weight * rough
 
-        begins = [self.start(z, sign) for z, sign in zip(views, signs(views), strict=True)]
+        begins = [self.start(z, sign) for z, sign in zip(views, view_signs(views), strict=True)]
 
         def returns(candidates: Tensor) -> Tensor:
             each = [self.returns(x, candidates[0], settings, discount, score) for x in begins]
@@ -96,7 +98,7 @@ class FastPlanner:
         if settings.start == "policy" and guided:
             mean = from_policy[:, 0]
         fixed, fixed_scores = from_policy, fixed_scores - penalty(from_policy)
-        unscored = arcs(settings)[None]
+        unscored = constant_actions(settings)[None]
         known = guided + unscored.shape[1]
         for _ in range(settings.iterations):
             sampled = mean[:, None] + std[:, None] * torch.randn(shape, generator=generator)
@@ -105,7 +107,7 @@ class FastPlanner:
             candidates = torch.cat([fixed, fresh], dim=1)
             scores = torch.cat([fixed_scores, scores], dim=1)
             mean, std, best = refit(candidates, scores, settings)
-            # the arcs are scored now, and come before what was drawn
+            # the constant actions are scored now, and come before what was drawn
             fixed, fixed_scores = candidates[:, :known], scores[:, :known]
             unscored = unscored[:, :0]
         return Plan(mean, std, best)
@@ -182,7 +184,7 @@ class FastPlanner:
         return actions * start.sign, returns
 
     def start(self, z: Tensor, sign: Tensor) -> Start:
-        """What all candidates share that start in z (1, latent), a view with its ``signs`` (2,)."""
+        """What all candidates share that start in z (1, latent), a view with its sign (2,)."""
         q = [network.share(z) for network in self._q_networks]
         return Start(z, sign, self._outcome.share(z), self._dynamics.share(z), q)
 

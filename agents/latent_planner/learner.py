@@ -7,20 +7,17 @@ import math
 from typing import Any
 
 import torch
-from crowdbench_agents.latent_planner.config import Config
 from crowdbench_agents.latent_planner.losses import model_loss, policy_loss
-from crowdbench_agents.latent_planner.replay import Batch
 from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning.batch import Batch
+from crowdbench_agents.learning.config import Config
+from crowdbench_agents.learning.errors import TrainingError
 from torch import Tensor
 
 DEAD_SPREAD = 0.01
 """A latent state that differs less than this between observations tells nothing any more."""
 
 _SCALE_RATE = 0.01  # of the running spread of Q
-
-
-class TrainingError(RuntimeError):
-    """Training cannot go on; the message says why and what helps."""
 
 
 class Learner:
@@ -75,13 +72,13 @@ class Learner:
             The losses' terms, for the log.
         """
         loss = self.config.loss
-        teaching = self.config.teaching(self.updates)
+        expert_weight = self.config.expert_weight(self.updates)
         self._set_learning_rates()
         batch = batch._replace(reward=batch.reward * self.config.training.reward_scale)
         with self.precision():
             result = model_loss(
                 self.model, self.target, batch, loss, self._noise(batch.action.shape),
-                teaching,
+                expert_weight,
             )  # fmt: skip
         terms = dict(result.terms)
         terms["model_gradient"] = self._step("model", result.total, self._model_parameters)
@@ -90,16 +87,16 @@ class Learner:
         with self.precision():
             actor = policy_loss(
                 self.model, result.latents, batch, loss, self.alpha, self.q_scale,
-                self._noise(batch.action.shape), teaching,
+                self._noise(batch.action.shape), expert_weight,
             )  # fmt: skip
         terms |= actor.terms
         terms["policy_gradient"] = self._step("policy", actor.total, self._policy_parameters)
         self._train_only_policy(False)
-        self._follow_scale(actor.values)
+        self._update_scale(actor.values)
         if loss.entropy_target is not None:
             excess = actor.terms["entropy"] - loss.entropy_target
             self._step("alpha", self.log_alpha * excess, [self.log_alpha])
-        self._follow_target()
+        self._update_target()
         self.updates += 1
         return terms
 
@@ -173,13 +170,13 @@ class Learner:
         """Spare the gradients of Q's parameters while its value is what the policy follows."""
         self.model.q_networks.requires_grad_(not only)
 
-    def _follow_scale(self, values: Tensor) -> None:
+    def _update_scale(self, values: Tensor) -> None:
         low, high = torch.quantile(values.flatten(), torch.tensor([0.05, 0.95]))
         spread = max(float(high - low), 1.0)
         self.q_scale += _SCALE_RATE * (spread - self.q_scale)
 
     @torch.no_grad()
-    def _follow_target(self) -> None:
+    def _update_target(self) -> None:
         rate = self.config.training.target_rate
         slow, fast = list(self.target.parameters()), list(self.model.parameters())
         torch._foreach_lerp_(slow, fast, rate)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from crowdbench_agents.latent_planner.config import Loss
-from crowdbench_agents.latent_planner.replay import Batch
-from crowdbench_agents.latent_planner.world_model import Inputs, WorldModel
+from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning.batch import Batch
+from crowdbench_agents.learning.config import Loss
+from crowdbench_agents.learning.inputs import Inputs
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
@@ -32,7 +33,7 @@ def model_loss(
     batch: Batch,
     loss: Loss,
     noise: Tensor,
-    teaching: float = 0.0,
+    expert_weight: float = 0.0,
 ) -> ModelLoss:
     """J of the paper: reward, value and consistency losses along a latent rollout, and the end.
 
@@ -45,7 +46,7 @@ def model_loss(
         batch: B sequences of H steps.
         loss: weights.
         noise: (H, B, 2) standard normal, for the target policy.
-        teaching: present weight of the imitation of the teacher.
+        expert_weight: present weight of the imitation of the expert.
     """
     horizon = len(batch.action)
     ahead = target_steps(horizon, loss.n_step)
@@ -81,7 +82,7 @@ def model_loss(
     assert isinstance(total, Tensor)
     if loss.imitation_shaping > 0:
         error = (model.act(states) - batch.reference).square().sum(dim=-1)
-        wanted = loss.imitation * batch.planned + teaching * batch.taught
+        wanted = loss.imitation * batch.planned + expert_weight * batch.labelled
         total = total + loss.imitation_shaping * (error * wanted * weight).sum()
     first = latents[0].detach()
     terms["latent_spread"] = first.std(dim=0).mean()
@@ -150,11 +151,11 @@ def policy_loss(
     alpha: float,
     q_scale: float,
     noise: Tensor,
-    teaching: float = 0.0,
+    expert_weight: float = 0.0,
 ) -> PolicyLoss:
     """L_pi of the paper: sum of rho^t [alpha log pi - Q / scale + lambda |a - a_mppi|^2].
 
-    The teacher's advice is imitated like MPPI's plans, with a weight of its own.
+    Expert labels are imitated like MPPI's plans, with a weight of its own.
 
     Args:
         model: of which only the policy is trained here.
@@ -164,13 +165,13 @@ def policy_loss(
         alpha: entropy coefficient.
         q_scale: divides Q, so that the weights mean the same at each stage of training.
         noise: (H, B, 2) standard normal.
-        teaching: present weight of the imitation of the teacher.
+        expert_weight: present weight of the imitation of the expert.
     """
     action, log_prob = model.sample(latents, noise)
     values = model.q(latents, action).float()
     value = values.amin(dim=0) if loss.twin_minimum else values.mean(dim=0)
     error = (action - batch.reference).square().sum(dim=-1)
-    wanted = loss.imitation * batch.planned + teaching * batch.taught
+    wanted = loss.imitation * batch.planned + expert_weight * batch.labelled
     decay = loss.horizon_decay ** torch.arange(len(latents))[:, None]
     weight = _shares(batch.valid * decay)
     each = alpha * log_prob - value / q_scale + wanted * error
@@ -178,7 +179,7 @@ def policy_loss(
         "entropy": (-log_prob * weight).sum().detach(),
         "policy_value": (value * weight).sum().detach(),
         "imitation": _mean(error, batch.planned * weight),
-        "teaching": _mean(error, batch.taught * weight),
+        "expert": _mean(error, batch.labelled * weight),
     }
     return PolicyLoss((each * weight).sum(), terms, value.detach())
 

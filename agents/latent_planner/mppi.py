@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import torch
-from crowdbench_agents.latent_planner.config import Planner
-from crowdbench_agents.latent_planner.world_model import ACTION, REFLECT, Inputs, WorldModel
+from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning.config import Planner
+from crowdbench_agents.learning.inputs import ACTION, REFLECT, Inputs
 from torch import Tensor
 
 Score = Literal["reward_q", "reward", "q"]
@@ -32,7 +33,7 @@ class Plan(NamedTuple):
 
 
 @torch.no_grad()
-def look(model: WorldModel, z: Tensor, inputs: Inputs, settings: Planner) -> Tensor:
+def encode_views(model: WorldModel, z: Tensor, inputs: Inputs, settings: Planner) -> Tensor:
     """Views (V, M, latent) of the present to plan from, for inputs (M, ...) encoded as z.
 
     With ``settings.reflect`` the second is what the world looks like with left and right swapped.
@@ -44,7 +45,7 @@ def look(model: WorldModel, z: Tensor, inputs: Inputs, settings: Planner) -> Ten
     return torch.stack([z, model.encode(inputs.reflected())])
 
 
-def signs(views: Tensor) -> Tensor:
+def view_signs(views: Tensor) -> Tensor:
     """(V, 2) factors that turn actions of the world as it is into those of each view."""
     return torch.stack([torch.ones(ACTION), REFLECT])[: len(views)]
 
@@ -65,10 +66,10 @@ def plan(
 
     Args:
         model: the world model.
-        views: (V, M, latent) current latent states, as from ``look``. Each view gives its share of
-            the policy's candidates, and a score is the mean of what it is in each view.
+        views: (V, M, latent) current latent states, as from ``encode_views``. Each view gives its
+            share of the policy's candidates, and a score is the mean of what it is in each view.
         previous: (M, 2) the actions executed last, in [-1, 1].
-        settings: horizon H, candidates (arcs come on top of them), elites, iterations, weights.
+        settings: horizon H, candidates (constant actions come on top), elites, iterations, weights.
         discount: gamma per step.
         half_range: (2,) half the range of v [m/s] and w [rad/s]: converts changes to physical ones.
         generator: of all noise.
@@ -76,7 +77,7 @@ def plan(
             ``settings.start`` "policy" and some candidates from the policy it is not used.
         score: which of the predicted terms count.
     """
-    robots, horizon, sign = views.shape[1], settings.horizon, signs(views)
+    robots, horizon, sign = views.shape[1], settings.horizon, view_signs(views)
     guided = round(settings.policy_share * settings.candidates)
     free = settings.candidates - guided
     mean = torch.zeros(robots, horizon, ACTION) if warm_start is None else warm_start
@@ -94,7 +95,7 @@ def plan(
     from_policy = torch.cat(from_policy, dim=1)
     if settings.start == "policy" and guided:
         mean = from_policy[:, 0]
-    fixed = torch.cat([from_policy, arcs(settings).expand(robots, -1, -1, -1)], dim=1)
+    fixed = torch.cat([from_policy, constant_actions(settings).expand(robots, -1, -1, -1)], dim=1)
     for _ in range(settings.iterations):
         sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
         candidates = torch.cat([fixed, sampled.clamp(-1, 1)], dim=1)
@@ -160,7 +161,9 @@ def evaluate(
     if score != "reward":
         total = total + weight * model.q(z, model.act(z)).float().amin(dim=0)
     result += shares[horizon] * total
-    return result - settings.smoothness_weight * roughness(candidates, previous, half_range)
+    return result - settings.smoothness_weight * smoothness_penalty(
+        candidates, previous, half_range
+    )
 
 
 def value_shares(settings: Planner, horizon: int, score: Score) -> list[float]:
@@ -179,19 +182,19 @@ def value_shares(settings: Planner, horizon: int, score: Score) -> list[float]:
     return [(1 - decay) * decay**k for k in range(horizon)] + [decay**horizon]
 
 
-def arcs(settings: Planner) -> Tensor:
+def constant_actions(settings: Planner) -> Tensor:
     """Action sequences (A, H, 2) that keep to one action, on an even grid over [-1, 1]^2.
 
     They lie where neither the policy nor noise around its plan gets: the policy follows the slope
     of Q to the nearest maximum, and ways around somebody have several.
     """
-    if settings.arcs is None:
+    if settings.constant_actions is None:
         return torch.zeros(0, settings.horizon, ACTION)
-    speeds, rates = (torch.linspace(-1, 1, count) for count in settings.arcs)
+    speeds, rates = (torch.linspace(-1, 1, count) for count in settings.constant_actions)
     return torch.cartesian_prod(speeds, rates)[:, None].expand(-1, settings.horizon, -1)
 
 
-def roughness(candidates: Tensor, previous: Tensor, half_range: Tensor) -> Tensor:
+def smoothness_penalty(candidates: Tensor, previous: Tensor, half_range: Tensor) -> Tensor:
     """P of the paper: sum over time of the squared change of (v [m/s], w [rad/s]).
 
     Args:

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
+
+from crowdbench.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ class Footprint:
         return mu
 
 
-@njit(cache=True)
+@compiled()
 def _dual(points: Array, corners: Array, G: Array) -> Array:  # pragma: no cover - compiled
     n, e = len(points), len(corners)
     mu = np.zeros((n, e))
@@ -118,7 +119,7 @@ SHARPNESS = 20.0
 """Of the softplus that ends the network: nearly a ReLU, which is what mu >= 0 looks like."""
 
 
-@njit(cache=True)
+@compiled()
 def _point_out(points: Array, mu: Array, G: Array, h: Array) -> None:  # pragma: no cover - compiled
     for k in range(len(points)):
         nearest, depth = 0, -np.inf
@@ -127,7 +128,8 @@ def _point_out(points: Array, mu: Array, G: Array, h: Array) -> None:  # pragma:
             if offset > depth:
                 nearest, depth = i, offset
         if depth <= 0.0:
-            mu[k, :] = 0.0
+            for i in range(len(h)):
+                mu[k, i] = 0.0
             mu[k, nearest] = 1.0
 
 

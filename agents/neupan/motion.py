@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from crowdbench_agents.neupan.dune import Array
-from numba import njit
 from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
 
 GROUP_GAP = 0.2  # neighbouring points farther apart than this belong to two things [m]
 BODY_RADIUS, BODY_SPREAD = 0.25, 0.1  # what a body's radius is expected to be, and how surely [m]
@@ -108,7 +109,7 @@ class Tracker:
         return velocity
 
 
-@njit(cache=True)
+@compiled()
 def _groups(
     ranges: Array,
     beams: Array,
@@ -137,7 +138,7 @@ def _groups(
     return group
 
 
-@njit(cache=True)
+@compiled()
 def _near(
     ranges: Array, beams: Array, i: int, j: int, spacing: float, gap: float
 ) -> bool:  # pragma: no cover - compiled
@@ -146,61 +147,81 @@ def _near(
     return np.hypot(dx, dy) < gap + spacing * min(ranges[i], ranges[j])
 
 
-@njit(cache=True)
+@compiled()
 def _bodies(
     points: Array, group: NDArray[np.int64]
 ) -> tuple[Array, NDArray[np.bool_]]:  # pragma: no cover - compiled
     """(B, 3) circles x, y, radius of the bodies, and (beams,) which points belong to none."""
-    count = group.max() + 1 if len(group) else 0
-    circles = np.empty((max(count, 0), 3))
-    standing = group >= 0
+    count = 0
+    for g in group:
+        count = max(count, g + 1)
+    circles = np.empty((count, 3))
+    standing = np.empty(len(group), dtype=np.bool_)
+    for i in range(len(group)):
+        standing[i] = group[i] >= 0
+    mine = np.empty((len(points), 2))
     found = 0
     for k in range(count):
-        mine = points[group == k]
-        if len(mine) < FEWEST_POINTS:
+        n = np.int64(0)  # no literal: numba would compile the fit for it as well
+        for i in range(len(group)):
+            if group[i] == k:
+                mine[n, 0], mine[n, 1] = points[i, 0], points[i, 1]
+                n += 1
+        if n < FEWEST_POINTS:
             continue
-        x, y, radius, error = _fit_circle(mine)
+        x, y, radius, error = _fit_circle(mine, n)
         if radius > LARGEST_BODY or error > FIT_ERROR:
             continue
-        circles[found] = x, y, radius
+        circles[found, 0], circles[found, 1], circles[found, 2] = x, y, radius
         found += 1
-        standing &= group != k
+        for i in range(len(group)):
+            if group[i] == k:
+                standing[i] = False
     return circles[:found], standing
 
 
-@njit(cache=True)
+@compiled()
 def _fit_circle(
-    points: Array,
+    points: Array, n: int
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
-    """Circle through points seen from the origin: x, y, radius, root mean square error [m].
+    """Circle through n points seen from the origin: x, y, radius, root mean square error [m].
 
     Gauss-Newton on sum (|p - c| - r)^2 / noise^2 + (r - expected)^2 / spread^2; the second term
     decides when there are too few points to see a curvature.
     """
-    n = len(points)
-    x, y = np.sum(points[:, 0]) / n, np.sum(points[:, 1]) / n
+    sum_x, sum_y, nearest = 0.0, 0.0, np.inf
+    for i in range(n):
+        sum_x, sum_y = sum_x + points[i, 0], sum_y + points[i, 1]
+        nearest = min(nearest, np.hypot(points[i, 0], points[i, 1]))
+    x, y = sum_x / n, sum_y / n
     away = 1.0 + 0.8 * BODY_RADIUS / max(np.hypot(x, y), 1e-6)
     x, y, radius = x * away, y * away, BODY_RADIUS
     weight = (FIT_NOISE / BODY_SPREAD) ** 2
     for _ in range(8):
         # A whisper of damping: a single point does not say where around it the centre is.
-        normal = np.eye(3) * 1e-3
-        right = np.zeros(3)
-        normal[2, 2] += weight
-        right[2] -= weight * (radius - BODY_RADIUS)
+        # Normal equations of (x, y, radius): xx, xy, ... of the matrix, u, v, w on the right.
+        xx, xy, xr, yy, yr, rr = 1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3 + weight
+        u, v, w = 0.0, 0.0, -weight * (radius - BODY_RADIUS)
         for i in range(n):
             dx, dy = points[i, 0] - x, points[i, 1] - y
             d = max(np.hypot(dx, dy), 1e-9)
-            row = np.array([-dx / d, -dy / d, -1.0])
-            normal += np.outer(row, row)
-            right -= row * (d - radius)
-        step = np.linalg.solve(normal, right)
-        x, y, radius = x + step[0], y + step[1], radius + step[2]
+            ex, ey, off = dx / d, dy / d, d - radius
+            xx, xy, xr = xx + ex * ex, xy + ex * ey, xr + ex
+            yy, yr, rr = yy + ey * ey, yr + ey, rr + 1.0
+            u, v, w = u + ex * off, v + ey * off, w + off
+        # Elimination; the matrix is positive definite, so no pivot vanishes.
+        fy, fr = xy / xx, xr / xx
+        yy, yr, v = yy - fy * xy, yr - fy * xr, v - fy * u
+        rr, w = rr - fr * xr, w - fr * u
+        fr = yr / yy
+        step_r = (w - fr * v) / (rr - fr * yr)
+        step_y = (v - yr * step_r) / yy
+        step_x = (u - xy * step_y - xr * step_r) / xx
+        x, y, radius = x + step_x, y + step_y, radius + step_r
     error = 0.0
     for i in range(n):
         error += (np.hypot(points[i, 0] - x, points[i, 1] - y) - radius) ** 2
-    behind = x * np.sum(points[:, 0]) + y * np.sum(points[:, 1])
-    nearest = np.min(np.hypot(points[:, 0], points[:, 1]))
+    behind = x * sum_x + y * sum_y
     # Curved the other way, or around the robot: no body.
     if behind <= 0 or np.hypot(x, y) < nearest or radius < 0.02:
         return x, y, np.inf, np.inf

@@ -25,7 +25,8 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 from crowdbench_agents.neupan.dune import Array
-from numba import njit
+
+from crowdbench.compiled import compiled
 
 SOFT = 8  # daqp's mark of a constraint whose violation costs rho/2 times its square
 CURVATURE = 1e-2
@@ -178,13 +179,13 @@ class Nrmp:
         return flag
 
 
-@njit(cache=True)
+@compiled()
 def wrap(angle: float) -> float:  # pragma: no cover - compiled
     """The same angle between -pi and pi [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-@njit(cache=True)
+@compiled()
 def rollout(controls: Array, period: float) -> Array:  # pragma: no cover - compiled
     """(T + 1, 3) states reached from the origin, each of the (T, 2) controls held for a period.
 
@@ -202,7 +203,7 @@ def rollout(controls: Array, period: float) -> Array:  # pragma: no cover - comp
     return states
 
 
-@njit(cache=True)
+@compiled()
 def sensitivity(
     states: Array, controls: Array, period: float
 ) -> Array:  # pragma: no cover - compiled
@@ -229,7 +230,7 @@ def sensitivity(
     return gamma
 
 
-@njit(cache=True)
+@compiled()
 def _write_cost(
     H: Array, f: Array, A: Array, b: Array,
     states: Array, controls: Array, reference: Array, v_ref: Array,
@@ -237,16 +238,21 @@ def _write_cost(
 ) -> None:  # fmt: skip  # pragma: no cover - compiled
     T, M = distances.shape
     gamma = sensitivity(states, controls, period)
-    flat = controls.copy().reshape(-1)
-    H[:] = 0.0
-    f[:] = 0.0
-    A[:] = 0.0
+    for i in range(len(f)):
+        f[i] = 0.0
+        for j in range(len(f)):
+            H[i, j] = 0.0
+    for i in range(len(A)):
+        for j in range(len(f)):
+            A[i, j] = 0.0
     base = np.empty(3)  # the state that zero controls would lead to
     for t in range(T):
         known = 2 * t + 2  # controls that the state depends on
         for k in range(3):
             row = gamma[t, k]
-            base[k] = states[t + 1, k] - np.dot(row, flat)
+            base[k] = states[t + 1, k]
+            for i in range(known):
+                base[k] -= row[i] * controls[i // 2, i % 2]
             q = w.q_heading if k == 2 else w.q_position
             off = states[t + 1, k] - reference[t, k]
             target = states[t + 1, k] - (wrap(off) if k == 2 else off)

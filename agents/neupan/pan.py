@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 from crowdbench_agents.neupan.dune import Array, Footprint
 from crowdbench_agents.neupan.nrmp import Limits, Nrmp, Weights, rollout, wrap
-from numba import njit
+
+from crowdbench.compiled import compiled
 
 FAR = 50.0  # distance of a point that is not there [m]
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
@@ -155,7 +156,7 @@ class Pan:
         return Plan(controls, states, slopes, distances, cost)
 
 
-@njit(cache=True)
+@compiled()
 def _local_points(
     states: Array, points: Array, velocity: Array, period: float
 ) -> Array:  # pragma: no cover - compiled
@@ -174,7 +175,7 @@ def _local_points(
     return local
 
 
-@njit(cache=True)
+@compiled()
 def _nearest(
     states: Array,
     local: Array,
@@ -220,7 +221,7 @@ def _nearest(
     return slopes, distances
 
 
-@njit(cache=True)
+@compiled()
 def _true_cost(
     controls: Array,
     states: Array,

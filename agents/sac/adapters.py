@@ -1,17 +1,20 @@
-"""What Stable-Baselines3's SAC learns from, in its forms: crowds, replay and encoder."""
+"""What Stable-Baselines3's SAC learns from, in its forms: environments, replay and encoder."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.config import Config, Model
-from crowdbench_agents.latent_planner.crowds import Crowds
-from crowdbench_agents.latent_planner.demonstrations import Teachers, final_rows
-from crowdbench_agents.latent_planner.replay import NOBODY, TEACHER, Batch, Replay, Rows, join
-from crowdbench_agents.latent_planner.training import Mixture
-from crowdbench_agents.latent_planner.world_model import Encoder, Inputs
+from crowdbench_agents.learning.batch import Batch
+from crowdbench_agents.learning.config import Config, Model
+from crowdbench_agents.learning.encoder import Encoder
+from crowdbench_agents.learning.experts import Experts
+from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.replay import EXPERT, NOBODY, Replay, Rows, final_rows
+from crowdbench_agents.learning.sampler import ScenarioSampler
+from crowdbench_agents.learning.vector_env import VectorEnv
 from gymnasium import spaces
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -22,7 +25,7 @@ from torch.nn.functional import layer_norm
 
 
 class MapFeatures(BaseFeaturesExtractor):
-    """The latent planner's encoder as a features extractor."""
+    """The encoder of learned agents as a features extractor."""
 
     def __init__(self, space: spaces.Dict, cells: int, settings: Model, bfloat16: bool) -> None:
         super().__init__(space, settings.latent)
@@ -39,13 +42,13 @@ class MapFeatures(BaseFeaturesExtractor):
 
 
 class CrowdVecEnv(VecEnv):
-    """The crowds as Stable-Baselines3 wants them: automatic reset, actions in [-1, 1].
+    """The environments as Stable-Baselines3 wants them: automatic reset, actions in [-1, 1].
 
-    What the teacher advises where there is one is in the infos of the step (``advice``).
+    The expert's label, where there is an expert, is in the infos of the step (``label``).
     """
 
-    def __init__(self, crowds: Crowds, mixture: Mixture, teachers: Teachers) -> None:
-        cells = crowds.sensed.map.shape[-1]
+    def __init__(self, envs: VectorEnv, sampler: ScenarioSampler, experts: Experts) -> None:
+        cells = envs.sensed.map.shape[-1]
         space = spaces.Dict(
             {
                 "map": spaces.Box(0, 255, (cells, cells), np.uint8),
@@ -53,9 +56,9 @@ class CrowdVecEnv(VecEnv):
                 "goal": spaces.Box(-np.inf, np.inf, (2,), np.float32),
             }
         )
-        self.crowds, self._mixture, self._teachers = crowds, mixture, teachers
-        self._everywhere = np.arange(crowds.count)
-        super().__init__(crowds.count, space, spaces.Box(-1, 1, (2,), np.float32))
+        self.envs, self._sampler, self._experts = envs, sampler, experts
+        self._everywhere = np.arange(envs.count)
+        super().__init__(envs.count, space, spaces.Box(-1, 1, (2,), np.float32))
 
     def reset(self) -> dict[str, np.ndarray]:
         """Begin an episode in every environment."""
@@ -68,15 +71,15 @@ class CrowdVecEnv(VecEnv):
 
     def step_wait(self) -> Any:
         """Step every environment and begin again where an episode is over."""
-        crowds = self.crowds
-        advice = dict(zip(self._teachers.which, self._teachers.advise(), strict=True))
-        result = crowds.step(self._everywhere, crowds.bounds.physical(self._actions))
+        envs = self.envs
+        labels = dict(zip(self._experts.which, self._experts.labels(), strict=True))
+        result = envs.step(self._everywhere, envs.bounds.physical(self._actions))
         infos: list[dict[str, Any]] = [
             {"social": social, "collision": outcome == "collision"}
             for social, outcome in zip(result.social, result.outcome, strict=True)
         ]
-        for index, action in advice.items():
-            infos[index]["advice"] = action
+        for index, action in labels.items():
+            infos[index]["label"] = action
         over = np.flatnonzero(result.over)
         for index in over:
             infos[index]["terminal_observation"] = {
@@ -84,16 +87,16 @@ class CrowdVecEnv(VecEnv):
             }
             infos[index]["TimeLimit.truncated"] = not result.end[index]
             success = result.outcome[index] == "success"
-            self._mixture.record(crowds.scenario[index], success)
+            self._sampler.record(envs.scenario[index], success)
         self._begin(over)
         return self._sensed(), result.reward, result.over, infos
 
     def _begin(self, which: np.ndarray) -> None:
-        self.crowds.begin(which)
-        self._teachers.begin(which)
+        self.envs.begin(which)
+        self._experts.begin(which)
 
     def _sensed(self) -> dict[str, np.ndarray]:
-        return {key: value.copy() for key, value in self.crowds.sensed._asdict().items()}
+        return {key: value.copy() for key, value in self.envs.sensed._asdict().items()}
 
     def close(self) -> None:
         """Nothing is open."""
@@ -115,7 +118,7 @@ class CrowdVecEnv(VecEnv):
 
 
 class CrowdReplay(DictReplayBuffer):
-    """The latent planner's replay, with demonstrations, behind Stable-Baselines3's interface."""
+    """The replay of learned agents, with demonstrations, behind Stable-Baselines3's interface."""
 
     def __init__(
         self,
@@ -128,14 +131,12 @@ class CrowdReplay(DictReplayBuffer):
         *,
         config: Config,
         replay: Replay,
-        demonstrations: Replay | None,
-        rng: np.random.Generator,
+        draw: Callable[[int, int], Batch],
     ) -> None:
         super().__init__(1, observation_space, action_space, device, n_envs=n_envs)
-        self._config, self._replay, self._demonstrations = config, replay, demonstrations
-        self._rng = rng
-        self.advice: Batch | None = None
-        """What was sampled last, with what the teacher advised in it."""
+        self._config, self._replay, self._draw = config, replay, draw
+        self.sampled: Batch | None = None
+        """What was sampled last, with its expert labels."""
 
     def add(self, obs, next_obs, action, reward, done, infos) -> None:
         """Keep one step of every environment."""
@@ -146,8 +147,8 @@ class CrowdReplay(DictReplayBuffer):
         no, reference = np.zeros(count, bool), np.zeros((count, 2), np.float32)
         source = np.full(count, NOBODY, np.uint8)
         for index, info in enumerate(infos):
-            if "advice" in info:
-                reference[index], source[index] = info["advice"], TEACHER
+            if "label" in info:
+                reference[index], source[index] = info["label"], EXPERT
         self._replay.append(
             lanes,
             Rows(
@@ -162,24 +163,13 @@ class CrowdReplay(DictReplayBuffer):
 
     def sample(self, batch_size: int, env: Any = None) -> DictReplayBufferSamples:
         """Draw n-step transitions, a share of them from the demonstrations."""
-        settings, loss = self._config.training, self._config.loss
-        options = loss.n_step, self._rng, settings.collision_share, settings.reflect
-        shown = 0
-        if self._demonstrations is not None:
-            begun = len(self._replay) >= settings.warmup
-            shown = round(settings.demonstration_share * batch_size) if begun else batch_size
-        parts = []
-        if shown < batch_size:
-            parts.append(self._replay.sample(batch_size - shown, *options))
-        if self._demonstrations is not None and shown:
-            parts.append(self._demonstrations.sample(shown, *options))
-        batch = join(*parts) if len(parts) == 2 else parts[0]
-        self.advice = batch
-        return n_step(batch, loss.discount, settings.reward_scale)
+        loss, scale = self._config.loss, self._config.training.reward_scale
+        self.sampled = self._draw(batch_size, loss.n_step)
+        return n_step(self.sampled, loss.discount, scale)
 
 
 def n_step(batch: Batch, discount: float, scale: float) -> DictReplayBufferSamples:
-    """Sum the rewards of sequences up to their end; see value_targets of the latent planner."""
+    """Sum the rewards of sequences up to their end; as the latent planner's value targets do."""
     powers = discount ** torch.arange(len(batch.reward))[:, None]
     reward = (batch.reward * batch.valid * powers).sum(dim=0) * scale
     length = batch.valid.sum(dim=0).long()

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from crowdbench_agents.learned_agent import LearnedAgent
+from crowdbench_agents.learning.agent import LearnedAgent
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from crowdbench_agents.latent_planner.config import Config
-    from crowdbench_agents.latent_planner.world_model import Inputs
+    from crowdbench_agents.learning.config import Config
+    from crowdbench_agents.learning.inputs import Inputs
     from crowdbench_agents.sac.networks import SacActor
 
 

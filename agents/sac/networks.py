@@ -1,13 +1,14 @@
-"""The trained SAC actor, without Stable-Baselines3: the planner's encoder and an MLP."""
+"""The trained SAC actor, without Stable-Baselines3: the shared encoder and an MLP."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import torch
-from crowdbench_agents.latent_planner.config import Config, Model
-from crowdbench_agents.latent_planner.weights import fill, load_tensors
-from crowdbench_agents.latent_planner.world_model import ACTION, Encoder, Inputs
+from crowdbench_agents.learning.config import Config, Model
+from crowdbench_agents.learning.encoder import Encoder
+from crowdbench_agents.learning.inputs import ACTION, Inputs
+from crowdbench_agents.learning.weights import fill, load_tensors
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm
 

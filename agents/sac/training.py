@@ -1,126 +1,60 @@
-"""Training of SAC with Stable-Baselines3, on the latent planner's observations and episodes.
+"""Training of SAC with Stable-Baselines3, on the observations and episodes of all learned agents.
 
-The encoder, the mixture of scenarios, the discount, the reward scale, the reflection, the
-multi-step returns, the demonstrations and the teacher's advice are the latent planner's; the
-learning algorithm is Stable-Baselines3's, with the imitation of the teacher added to the actor's
+The encoder, the sampling of scenarios, the discount, the reward scale, the reflection, the
+multi-step returns, the demonstrations and the expert labels are those of all learned agents; the
+learning algorithm is Stable-Baselines3's, with the imitation of the expert added to the actor's
 loss.
 """
 
 from __future__ import annotations
 
-import json
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.config import Config, load_config
-from crowdbench_agents.latent_planner.crowds import Crowds, worlds_digest
-from crowdbench_agents.latent_planner.demonstrations import Teachers, open_replays
-from crowdbench_agents.latent_planner.learner import TrainingError
-from crowdbench_agents.latent_planner.memory import keep_freed_memory
-from crowdbench_agents.latent_planner.progress import Journal, stop_on_signals
-from crowdbench_agents.latent_planner.training import (
-    CURVES,
-    RUNS,
-    Mixture,
-    load_checkpoint,
-    run_folder,
-    save_checkpoint,
-)
-from crowdbench_agents.latent_planner.validation import Moment, validate
-from crowdbench_agents.latent_planner.weights import save_weights
-from crowdbench_agents.latent_planner.world_model import Inputs
+from crowdbench_agents.learning import training
+from crowdbench_agents.learning.config import Config, load_config
+from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.training import TrainingRun
+from crowdbench_agents.learning.validation import Act, PolicyInput
 from crowdbench_agents.sac.adapters import CrowdReplay, CrowdVecEnv, MapFeatures
 from crowdbench_agents.sac.networks import FORMAT, SacActor
+from numpy.typing import NDArray
 from stable_baselines3 import SAC
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
 BATCH = 256
+ENDLESS = 10**12  # steps; the training loop ends a run
 
 
-class Keeper(BaseCallback):
-    """Validates, saves and ends the training."""
+class SacRun(TrainingRun):
+    """One training run of Stable-Baselines3's SAC."""
 
-    def __init__(
-        self,
-        run: SacRun,
-        journal: Journal,
-        minutes: float | None,
-        steps: int | None,
-        stopping: Callable[[], bool],
-    ) -> None:
-        super().__init__()
-        self._stopping = stopping
-        self._run, self._journal, self._minutes, self._steps = run, journal, minutes, steps
-        self._begun = self._saved = self._validated = self._noted = time.perf_counter()
-        self._before, self._noted_steps = run.seconds, run.model.num_timesteps
+    form = FORMAT
 
-    def _on_step(self) -> bool:
-        if self._stopping():
-            return False
-        run, now = self._run, time.perf_counter()
-        settings = run.config.training
-        elapsed, steps = now - self._begun, run.model.num_timesteps
-        run.seconds = self._before + elapsed
-        if now - self._noted > 15:
-            speed = (steps - self._noted_steps) / (now - self._noted)
-            success = float(np.mean(list(run.mixture.success.values())))
-            alpha = float(run.model.log_ent_coef.detach().exp())
-            run.check()
-            self._journal.scalars({"success_in_training": success, "alpha": alpha}, steps)
-            note = f"success {success:.2f}, {speed:.0f} steps/s, {run.model._n_updates} updates"
-            self._journal.advance(elapsed if self._minutes is not None else steps, note)
-            self._noted, self._noted_steps = now, steps
-        done = (self._minutes is not None and elapsed >= self._minutes * 60) or (
-            self._steps is not None and steps >= self._steps
-        )
-        if done or now - self._validated > 60 * settings.validation_minutes:
-            run.validate(self._journal)
-            self._validated = time.perf_counter()
-        if not done and now - self._saved > 60 * settings.checkpoint_minutes:
-            run.save()
-            self._saved = time.perf_counter()
-        return not done
-
-
-class SacRun:
-    """One training run and all that has to survive an interruption."""
-
-    def __init__(
-        self, folder: Path, config: Config, seed: int, social: bool, facts: dict[str, Any]
-    ) -> None:
-        self.folder, self.config, self._facts = folder, config, facts
-        settings, geometry = config.training, config.perception.geometry
-        self.mixture = Mixture(seed)
-        self.rng = np.random.default_rng([seed, 2])
-        count = settings.environments
-        crowds = Crowds(count, self.mixture, geometry)
-        self.replay, demonstrations = open_replays(folder, config, crowds, social)
-        taught = np.arange(count - settings.taught_environments, count)
+    def __init__(self, folder: Path, config: Config, seed: int, social: bool) -> None:
+        super().__init__(folder, config, seed, social)
+        settings = config.training
         features = {
-            "cells": geometry.cells, "settings": config.model, "bfloat16": settings.bfloat16,
+            "cells": config.perception.cells, "settings": config.model,
+            "bfloat16": settings.bfloat16,
         }  # fmt: skip
         target = config.loss.entropy_target
         self.model = SAC(
             "MultiInputPolicy",
-            CrowdVecEnv(crowds, self.mixture, Teachers(settings.teacher, crowds, taught)),
+            CrowdVecEnv(self.envs, self.sampler, self.experts),
             learning_rate=settings.learning_rate,
             # With demonstrations there is something to learn from, and a policy, at once.
-            learning_starts=0 if demonstrations else settings.warmup,
+            learning_starts=0 if self.demonstrations else settings.warmup,
             batch_size=BATCH,
             tau=settings.target_rate,
             gamma=config.loss.discount,
             train_freq=1,
-            gradient_steps=max(1, round(settings.updates_per_step)),
             replay_buffer_class=CrowdReplay,
-            replay_buffer_kwargs={
-                "config": config, "replay": self.replay, "demonstrations": demonstrations,
-                "rng": self.rng,
-            },
+            replay_buffer_kwargs={"config": config, "replay": self.replay, "draw": self.sample},
             ent_coef=f"auto_{config.loss.entropy}",
             target_entropy="auto" if target is None else target,
             policy_kwargs={
@@ -130,38 +64,78 @@ class SacRun:
             },
             seed=seed,
             device="cpu",
-        )  # fmt: skip
+        )
         self.model.set_logger(Logger(None, []))
         self.model.lr_schedule = lambda _progress: (
-            settings.learning_rate * config.learning_rate_factor(self.model._n_updates)
+            settings.learning_rate * config.learning_rate_factor(self.updates)
         )
         self.model.actor.optimizer.register_step_pre_hook(lambda *_: self.imitate())
-        self.seconds, self.best = 0.0, -1.0
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self.model.num_timesteps
+
+    @property
+    def updates(self) -> int:
+        """Updates so far."""
+        return self.model._n_updates
+
+    @property
+    def decisions(self) -> int:
+        """One per environment step."""
+        return self.steps
+
+    @property
+    def updates_begin(self) -> bool:
+        """Whether Stable-Baselines3 would begin to learn."""
+        return self.steps > self.model.learning_starts
+
+    def begin(self) -> None:
+        """Start an episode in every environment."""
+        self.replay.mark_episode_ends()
+        _, self._callback = self.model._setup_learn(ENDLESS, reset_num_timesteps=False)
+
+    def step(self) -> None:
+        """One control step in every environment."""
+        model = self.model
+        model.collect_rollouts(
+            model.env, self._callback, model.train_freq, model.replay_buffer,
+            learning_starts=model.learning_starts,
+        )  # fmt: skip
+
+    def update(self) -> dict[str, torch.Tensor]:
+        """One update of critic, actor and entropy coefficient."""
+        self.model.train(1, BATCH)
+        return {}
 
     def imitate(self) -> None:
-        """Add the gradient of teaching x |a - a_teacher|^2, averaged over the batch.
+        """Add the gradient of expert_weight x |a - a_expert|^2, averaged over the batch.
 
         As in the latent planner's policy loss, a is drawn from the policy.
         """
-        batch = self.model.replay_buffer.advice
-        weight = self.config.teaching(self.model._n_updates)
-        taught = np.flatnonzero(batch.taught[0])
-        if weight == 0 or not len(taught):
+        batch = self.model.replay_buffer.sampled
+        weight = self.config.expert_weight(self.updates)
+        labelled = np.flatnonzero(batch.labelled[0])
+        if weight == 0 or not len(labelled):
             return
-        seen = {key: value[0][taught] for key, value in batch.inputs._asdict().items()}
+        seen = {key: value[0][labelled] for key, value in batch.inputs._asdict().items()}
         action, _ = self.model.actor.action_log_prob(seen)
-        error = (action - batch.reference[0][taught]).square().sum(dim=-1)
-        (weight * error.sum() / len(batch.taught[0])).backward()
+        error = (action - batch.reference[0][labelled]).square().sum(dim=-1)
+        (weight * error.sum() / len(batch.labelled[0])).backward()
 
-    def pretrain(self, journal: Journal, stopping: Callable[[], bool]) -> None:
-        """Updates on the demonstrations, where there are any, before acting."""
-        settings, begun, before = self.config.training, time.perf_counter(), self.seconds
-        wanted = settings.pretraining if settings.demonstrations else 0
-        while self.model._n_updates < wanted and not stopping():
-            self.model.train(min(100, wanted - self.model._n_updates), BATCH)
-            self.check()
-            self.seconds = before + time.perf_counter() - begun
-            journal.advance(0.0, f"{self.model._n_updates}/{wanted} updates on demonstrations")
+    def check(self, terms: Mapping[str, float]) -> None:
+        """Stop a training that has diverged.
+
+        Raises:
+            TrainingError: a parameter is not finite.
+        """
+        if not all(torch.isfinite(p).all() for p in self.model.policy.parameters()):
+            raise TrainingError("a parameter is not finite; lower the learning rate and resume")
+
+    def scalars(self) -> dict[str, float]:
+        """The entropy coefficient."""
+        return {"alpha": float(self.model.log_ent_coef.detach().exp())}
 
     def actor(self) -> SacActor:
         """The present actor on its own."""
@@ -172,64 +146,34 @@ class SacRun:
         actor.mean.load_state_dict(source.mu.state_dict())
         return actor.eval().requires_grad_(False)
 
-    def check(self) -> None:
-        """Stop a training that has diverged.
-
-        Raises:
-            TrainingError: a parameter is not finite.
-        """
-        if not all(torch.isfinite(p).all() for p in self.model.policy.parameters()):
-            raise TrainingError("a parameter is not finite; lower the learning rate and resume")
-
-    def validate(self, journal: Journal) -> None:
-        """Success of the actor on validation seeds; keeps the best."""
+    def policy(self) -> Act:
+        """Act by the present actor, without noise."""
         actor = self.actor()
 
-        def act(moment: Moment) -> np.ndarray:
-            return actor(Inputs(*map(torch.from_numpy, moment.sensed))).numpy()
+        def act(given: PolicyInput) -> NDArray[np.float32]:
+            return actor(Inputs(*map(torch.from_numpy, given.sensed))).numpy()
 
-        settings = self.config.training
-        result = validate(act, self.config.perception.geometry, settings.validation_episodes)
-        steps = self.model.num_timesteps
-        counts = {
-            "steps": steps, "decisions": steps, "updates": self.model._n_updates,
-            "seconds": self.seconds,
-        }  # fmt: skip
-        row = journal.validated(result, counts, self.mixture.success)
-        if result.mean >= self.best:
-            self.best = result.mean
-            self.export("best", row)
+        return act
 
-    def export(self, name: str, row: Mapping[str, Any]) -> None:
-        """Write the actor's weights."""
-        path = self.folder / f"{name}.safetensors"
-        save_weights(path, self.actor().state_dict(), self.config, {**self._facts, **row}, FORMAT)
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """The actor's parameters."""
+        return self.actor().state_dict()
 
-    def save(self) -> None:
-        """Write a checkpoint atomically.
-
-        Raises:
-            TrainingError: no room on the disk.
-        """
+    def state(self) -> dict[str, Any]:
+        """Networks, optimisers and random state."""
         model = self.model
-        state = {
+        return {
             "policy": model.policy.state_dict(),
             "actor_optimizer": model.actor.optimizer.state_dict(),
             "critic_optimizer": model.critic.optimizer.state_dict(),
             "alpha_optimizer": model.ent_coef_optimizer.state_dict(),
             "log_alpha": model.log_ent_coef.detach().clone(),
             "torch_rng": torch.get_rng_state(),
-            "rng": json.dumps(self.rng.bit_generator.state),
-            "mixture": json.dumps([self.mixture.success, self.mixture.episodes]),
-            "counters": json.dumps(
-                [model.num_timesteps, model._n_updates, self.seconds, self.best]
-            ),
         }
-        save_checkpoint(self.folder, state)
 
-    def restore(self) -> None:
-        """Continue from the checkpoint in the run's folder."""
-        state, model = load_checkpoint(self.folder), self.model
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from what ``state`` returned."""
+        model = self.model
         model.policy.load_state_dict(state["policy"])
         model.actor.optimizer.load_state_dict(state["actor_optimizer"])
         model.critic.optimizer.load_state_dict(state["critic_optimizer"])
@@ -237,10 +181,7 @@ class SacRun:
         with torch.no_grad():
             model.log_ent_coef.copy_(state["log_alpha"])
         torch.set_rng_state(state["torch_rng"])
-        self.rng.bit_generator.state = json.loads(state["rng"])
-        self.mixture.success, self.mixture.episodes = json.loads(state["mixture"])
-        counters = json.loads(state["counters"])
-        model.num_timesteps, model._n_updates, self.seconds, self.best = counters
+        model.num_timesteps, model._n_updates = state["steps"], state["updates"]
 
 
 def train(
@@ -252,34 +193,14 @@ def train(
     social: bool = True,
     overrides: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Train SAC; arguments as for the latent planner.
+    """Train SAC; see ``learning.training.train``.
 
-    Raises:
-        TrainingError: nothing to resume, a run in the way, a diverged training, a full disk.
+    Args:
+        name, minutes, steps, resume, seed, social: as there.
+        overrides: fields of the shipped configuration, e.g. ``{"training.warmup": 0}``.
     """
     config = load_config().override(overrides or {})
-    folder, curve = RUNS / name, CURVES / f"{name}.csv"
-    with run_folder(folder, resume):
-        keep_freed_memory()
-        torch.set_num_threads(1)
-        facts = {"run": name, "seed": seed, "social": social, "worlds": worlds_digest()}
-        run = SacRun(folder, config, seed, social, facts)
-        if resume:
-            run.restore()
-        else:
-            curve.unlink(missing_ok=True)
-        run.replay.cut()
-        total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-        with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
-            run.pretrain(journal, stopping)
-            if not stopping():
-                run.model.learn(
-                    total_timesteps=10**12,
-                    callback=Keeper(run, journal, minutes, steps, stopping),
-                    reset_num_timesteps=False,
-                )
-            if stopping():
-                journal.say("stopped; --resume continues this run")
-            run.save()
-            run.export("last", {"steps": run.model.num_timesteps, "seconds": run.seconds})
-    return folder
+    return training.train(
+        SacRun, name, config,
+        minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
+    )  # fmt: skip

@@ -15,6 +15,7 @@ from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
 from crowdbench.cli.play import play
+from crowdbench.cli.publish import publish
 from crowdbench.cli.record import record
 from crowdbench.cli.replay import replay
 from crowdbench.cli.report import report
@@ -23,7 +24,7 @@ from crowdbench.cli.scenarios import scenarios
 from crowdbench.cli.show import show
 from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.scenario import ScenarioError
 
 app = typer.Typer(
@@ -33,7 +34,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    run, compare, agents, scenarios, show, record, play, train, tables, report, replay,
+    run, compare, agents, scenarios, show, record, play, train, tables, report, replay, publish,
 ):  # fmt: skip
     app.command()(command)
 

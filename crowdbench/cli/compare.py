@@ -10,7 +10,7 @@ import typer
 
 from crowdbench.agent import AgentSpec
 from crowdbench.cli.common import RESULTS, TABLE_METRICS, ResultsOption, UserError, out
-from crowdbench.scenario import nearest
+from crowdbench.messages import nearest
 
 if TYPE_CHECKING:
     import pandas as pd

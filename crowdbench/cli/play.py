@@ -28,7 +28,7 @@ def play(
         )
 
     from crowdbench.evaluation import human
-    from crowdbench.evaluation.appending import require_writable
+    from crowdbench.evaluation.database import require_writable
     from crowdbench.evaluation.results import ResultsStore
 
     require_writable(results)

@@ -61,8 +61,7 @@ def print_tables(console: Console, store: ResultsStore, rows: Rows, published: R
     print_published(console, {cell.agent: part for cell, part in published.items()})
     for cell, table in rows.items():
         _print_errors(console, cell, table)
-    for cell in rows:
-        console.print(f"rows: {store.path(cell)}", markup=False, soft_wrap=True)
+    console.print(f"rows: {store.path}", markup=False, soft_wrap=True)
 
 
 def as_document(store: ResultsStore, rows: Rows) -> dict[str, Any]:
@@ -138,7 +137,7 @@ def _cell_document(store: ResultsStore, cell: Cell, rows: pd.DataFrame) -> dict[
         "agent": cell.agent,
         "weights_sha256": cell.weights_sha256 or None,
         "code": cell.code,
-        "file": str(store.path(cell)),
+        "file": str(store.path),
         "episodes": len(rows),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
         "metrics": {name: _estimate_document(estimate(rows, name)) for name in METRICS},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -11,6 +12,9 @@ from rich.progress import Progress as Bar
 
 from crowdbench.cli.common import err
 from crowdbench.evaluation.runner import Progress
+
+_SHOWN = 10
+"""Episodes of one kind that are named."""
 
 
 class ProgressBar:
@@ -59,6 +63,20 @@ class ProgressBar:
             f"Interrupted: {kept} of {self._latest.total} episodes are stored in {folder}. "
             "Run the same command again to go on from there.",
             style="yellow",
+            markup=False,
+            soft_wrap=True,
+        )
+
+    def say_unfaithful(self, episodes: Sequence[str]) -> None:
+        """Say which episodes are not what the agent's process told of them."""
+        for episode in episodes[:_SHOWN]:
+            self._console.print(f"not stored: {episode}", style="red", markup=False, soft_wrap=True)
+        rest = len(episodes) - _SHOWN
+        more = f", {rest} of them not shown" if rest > 0 else ""
+        self._console.print(
+            f"{len(episodes)} episodes are not what the agent's process told of them{more}: the "
+            "agent changed them, or crowdbench has a bug.",
+            style="red",
             markup=False,
             soft_wrap=True,
         )

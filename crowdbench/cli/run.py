@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -40,22 +41,19 @@ def run(
     step_limit: Annotated[
         float, typer.Option(min=0.01, help="Seconds an agent may take for one step.")
     ] = 10.0,
-    save_trajectories: Annotated[
-        bool, typer.Option("--save-trajectories", help="Keep whole episodes, for replays.")
-    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
     ] = False,
 ) -> None:
     """Run agents in scenarios.
 
-    One row per episode is stored; the same command goes on where it was stopped. Where the same
-    agent has published episodes in the same scenario, their figures stand beside.
+    Every episode is stored with what the robot did; the same command goes on where it was stopped.
+    Where the same agent has published episodes in the same scenario, their figures stand beside.
     """
     from crowdbench.cli.progress import ProgressBar
     from crowdbench.evaluation.pool import Limits
     from crowdbench.evaluation.results import ResultsStore
-    from crowdbench.evaluation.runner import Task
+    from crowdbench.evaluation.runner import Task, UnfaithfulError
     from crowdbench.evaluation.runner import run as run_tasks
 
     changes = parse_overrides(overrides or [])
@@ -64,6 +62,7 @@ def run(
     specs = {str(spec): spec for spec in map(AgentSpec.parse, agent or [DEFAULT_AGENT])}
     seeds = range(seed, seed + episodes)
     tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
+    unfaithful: Sequence[str] = ()
     with ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar:
         try:
             cells = run_tasks(
@@ -71,12 +70,13 @@ def run(
                 results,
                 jobs=jobs,
                 limits=Limits(step=step_limit),
-                save_trajectories=save_trajectories,
                 on_progress=bar.update,
             )
         except KeyboardInterrupt:
             bar.say_interrupted(results)
             raise typer.Exit(130) from None
+        except UnfaithfulError as error:
+            cells, unfaithful = error.cells, error.episodes
 
     from crowdbench.cli.printing import as_document, print_tables
     from crowdbench.evaluation.record import load_record
@@ -92,3 +92,6 @@ def run(
             out(), store, rows, {cell: part for cell, part in published.items() if len(part)}
         )
         bar.say_stored(results)
+    if unfaithful:
+        bar.say_unfaithful(unfaithful)
+        raise typer.Exit(1)

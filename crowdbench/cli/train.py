@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.common import SetOption, UserError, out
-from crowdbench.scenario import nearest, parse_overrides
+from crowdbench.messages import nearest
+from crowdbench.scenario import parse_overrides
 
 ENTRY_POINT_GROUP = "crowdbench.trainers"
 

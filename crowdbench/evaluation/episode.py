@@ -34,8 +34,12 @@ class Episode:
         obstacles: (K, 3) x, y, radius [m].
         pedestrian_radius: radius of every pedestrian [m].
         robot_pose: (T + 1, 3) x, y [m], heading [rad].
-        actions: (T, 2) v [m/s], w [rad/s] as executed (clipped).
+        robot_world_velocity: (T + 1, 2) its velocity in the world [m/s].
+        robot_speed: (T + 1,) along the direction in which it travels, negative backwards [m/s].
+        actions: (T, 2) as executed (clipped), in the terms of the scenario's drive: for a
+            differential one v [m/s], w [rad/s].
         other_robots: (T + 1, R - 1, 3) poses of the other robots, NaN once they are gone.
+        pedestrian_reactive: (P,) which pedestrians see the robot.
         pedestrian_position: (T + 1, P, 2) [m].
         pedestrian_velocity: (T + 1, P, 2) [m/s].
         pedestrian_goal: (T + 1, P, 2) where each is heading now [m].
@@ -63,8 +67,11 @@ class Episode:
     obstacles: NDArray[np.float64]
     pedestrian_radius: float
     robot_pose: NDArray[np.float64]
+    robot_world_velocity: NDArray[np.float64]
+    robot_speed: NDArray[np.float64]
     actions: NDArray[np.float64]
     other_robots: NDArray[np.float64]
+    pedestrian_reactive: NDArray[np.bool_]
     pedestrian_position: NDArray[np.float64]
     pedestrian_velocity: NDArray[np.float64]
     pedestrian_goal: NDArray[np.float64]

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.agent import Action, Agent, Observation, RobotSpec
-from crowdbench.evaluation.appending import require_writable
+from crowdbench.evaluation.database import require_writable
+from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.episode import Episode
-from crowdbench.evaluation.metrics import metrics
-from crowdbench.evaluation.results import Cell, ResultsStore, make_row, scenario_label
+from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.runner import machine_name
-from crowdbench.evaluation.trajectories import TrajectoryStore, encode_episode
+from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.env import CrowdEnv
 
@@ -202,14 +202,14 @@ def next_seed(scenario: Scenario, folder: Path) -> int:
 
 
 def store_drive(scenario: Scenario, episode: Episode, folder: Path) -> Path:
-    """Store a person's episode, row and trajectory; returns the file of the rows.
+    """Store a person's episode; returns the file it is in.
 
     Raises:
         ResultsError: the folder cannot be written to.
     """
     require_writable(folder)
     cell, store = human_cell(scenario), ResultsStore(folder)
-    store.describe_scenario(cell, scenario)
-    TrajectoryStore(folder).append(cell, [encode_episode(cell, episode)])
-    store.append(cell, [make_row(cell, episode, metrics(episode), machine_name(threads=1))])
-    return store.path(cell)
+    driven = [Driven.of(episode)]
+    results = Scorer().score(scenario, HUMAN, episode.seed, driven, machine_name(threads=1))
+    store.append(cell, results, scenario)
+    return store.path

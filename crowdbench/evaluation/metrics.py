@@ -23,7 +23,7 @@ from crowdbench.simulation.contact import ContactKind
 TTC_LIMIT = 1.0
 """[s]"""
 STALLED_SPEED = 0.05
-"""Forward speed below which the robot makes no headway [m/s]."""
+"""Speed below which the robot makes no headway [m/s]."""
 INTIMATE_SPACE = 0.45
 PERSONAL_SPACE = 1.2
 """Hall's zones around a person, between surfaces [m]."""
@@ -165,14 +165,14 @@ def path_length(episode: Episode) -> float:
 
 
 def stalled_time(episode: Episode) -> float:
-    """Time with a forward speed below ``STALLED_SPEED`` [s]."""
-    stalled = np.abs(episode.actions[:, 0]) < STALLED_SPEED
+    """Time with a speed below ``STALLED_SPEED`` [s]."""
+    stalled = np.abs(episode.robot_speed[1:]) < STALLED_SPEED
     return float(np.count_nonzero(stalled) * episode.control_period)
 
 
 def jerk(episode: Episode) -> float:
     """Mean of |v_{t+1} - 2 v_t + v_{t-1}| / dt^2, v the velocity vector [m/s^3]; NaN if T < 3."""
-    change = np.diff(_velocity(episode), n=2, axis=0) / episode.control_period**2
+    change = np.diff(episode.robot_world_velocity[1:], n=2, axis=0) / episode.control_period**2
     return _mean(np.linalg.norm(change, axis=1))
 
 
@@ -201,15 +201,9 @@ def time_to_collision(episode: Episode) -> NDArray[np.float64]:
     """(T, P) time to collision with each pedestrian after each action [s]."""
     return interactions.time_to_collision(
         episode.pedestrian_position[1:] - episode.robot_pose[1:, None, :2],
-        episode.pedestrian_velocity[1:] - _velocity(episode)[:, None],
+        episode.pedestrian_velocity[1:] - episode.robot_world_velocity[1:, None],
         _reach(episode),
     )
-
-
-def _velocity(episode: Episode) -> NDArray[np.float64]:
-    """(T, 2) the robot's velocity after each action [m/s]."""
-    heading = episode.robot_pose[1:, 2]
-    return episode.actions[:, :1] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
 def _clearance(episode: Episode) -> NDArray[np.float64]:
@@ -235,7 +229,7 @@ METRICS: dict[str, Metric] = {
     "success": Metric(success, "", "higher", "goal reached in time without any contact"),
     "spl": Metric(spl, "", "higher", "success weighted by shortest over driven path length"),
     "smoothness": Metric(
-        smoothness, "m²/s² + rad²/s²", "lower", "mean squared change between actions (v, w)"
+        smoothness, "m²/s² + rad²/s²", "lower", "mean squared change between actions"
     ),
     "inference_s": Metric(inference_s, "s", "lower", "mean wall-clock time in act per step"),
     "cutoff": Metric(

@@ -26,6 +26,8 @@ class ResimulationError(ValueError):
 class _Repeats(Agent):
     """Asks for what was asked for before, and for nothing after that."""
 
+    drives = None
+
     def __init__(self, commands: NDArray[np.float64]) -> None:
         self.commands = commands
         self.step = 0

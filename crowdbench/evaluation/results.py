@@ -1,8 +1,10 @@
-"""The results store: one CSV row per episode and robot, appended and never rewritten.
+"""The results store: one row per episode and robot, with what the robot did.
 
-Layout: ``FOLDER/episodes/<scenario>/<agent>.csv``. A scenario that is not, field by field, one of
-crowdbench's own (overridden, or from a file) is stored as ``<scenario>@<digest>`` with its
-definition beside its rows, so that it is never mixed up with the plain one.
+Layout: one SQLite file, ``FOLDER/results.sqlite`` (``database`` has the schema). An episode is
+added in one transaction, with its metrics and commands, and stays as it is; ``recompute`` alone
+fills in metrics that are new. A scenario that is not, field by field, one of crowdbench's own
+(overridden, or from a file) has the label ``<scenario>@<digest>``, so that it is never mixed up
+with the plain one.
 
 An episode counts as stored when scenario digest, agent string, weights hash, code and seed are
 the same and the crowdbench version agrees in its first two numbers: a release that changes what
@@ -11,32 +13,54 @@ an episode gives changes one of those two.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
-import math
-import os
+import platform
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+import sqlite3
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crowdbench.evaluation.appending import ResultsError, append, locked, read_from
+from crowdbench.evaluation.database import (
+    FILE,
+    ResultsError,
+    open_for_writing,
+    opened_for_reading,
+    reported,
+    transaction,
+)
+from crowdbench.evaluation.driven import Driven, packed, unpacked
+from crowdbench.evaluation.measured import definitions, metric_set, write_metrics
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
+    from numpy.typing import NDArray
 
     from crowdbench.evaluation.episode import Episode
 
-__all__ = ["Cell", "ResultsError", "ResultsStore", "load_results", "scenario_label", "slug"]
+__all__ = [
+    "Cell",
+    "Origin",
+    "Result",
+    "ResultsError",
+    "ResultsStore",
+    "load_commands",
+    "load_driven",
+    "load_results",
+    "scenario_label",
+    "slug",
+]
 
-Row = Mapping[str, str]
-_INTEGERS = ("seed", "steps")
-_LAST = ("steps", "error", "diagnostics", "machine", "timestamp")
+
+CELL_IS = """
+    WHERE (scenario, scenario_digest, agent, weights_sha256, code, series) = (?, ?, ?, ?, ?, ?)"""
 
 
 @dataclass(frozen=True)
@@ -64,11 +88,86 @@ class Cell:
     @property
     def identity(self) -> tuple[str, ...]:
         """What has to be equal for two episodes of one seed to be the same measurement."""
-        return _identity(asdict(self))
+        series = ".".join(self.version.split(".")[:2])
+        names = ("scenario", "scenario_digest", "agent", "weights_sha256", "code")
+        return (*(getattr(self, name) for name in names), series)
 
-    def path(self, folder: Path, kind: str, suffix: str) -> Path:
-        """The file of this cell, e.g. ``FOLDER/episodes/multimodal_fast/AGENT.csv``."""
-        return folder / kind / slug(self.scenario) / (slug(self.agent) + suffix)
+
+@dataclass(frozen=True)
+class Origin:
+    """Where and when an episode was run; empty where that was not noted.
+
+    Attributes:
+        machine: the processor, its cores, and how many threads an agent had.
+        architecture: of the processor, e.g. ``x86_64``.
+        pymunk, numpy, torch: versions of what an episode depends on.
+        timestamp: UTC, ISO 8601.
+    """
+
+    machine: str = ""
+    architecture: str = ""
+    pymunk: str = ""
+    numpy: str = ""
+    torch: str = ""
+    timestamp: str = ""
+
+    @classmethod
+    def here(cls, machine: str) -> Origin:
+        """This process, now."""
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        libraries = {name: version(name) for name in ("pymunk", "numpy", "torch")}
+        return cls(machine, platform.machine(), timestamp=now, **libraries)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One robot's episode as it is stored.
+
+    Attributes:
+        seed: episode seed.
+        robot: name of the robot in the environment.
+        outcome: how it ended.
+        steps: T, the number of control steps.
+        metrics: values by name, NaN where one is not defined.
+        error: the agent's message, one line.
+        diagnostics: the agent's own counters.
+        origin: where it was run.
+        commands: (T, 2), as in ``Episode.commands``; None where they were not kept.
+        inference_s: (T,) wall-clock seconds spent in ``act``; None without commands.
+    """
+
+    seed: int
+    robot: str
+    outcome: str
+    steps: int
+    metrics: Mapping[str, float]
+    error: str = ""
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    origin: Origin = field(default_factory=Origin)
+    commands: NDArray[np.float64] | None = None
+    inference_s: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(cls, episode: Episode, metrics: Mapping[str, float], origin: Origin) -> Result:
+        """An episode that was just run or simulated."""
+        return cls(
+            episode.seed,
+            episode.robot,
+            episode.outcome,
+            episode.steps,
+            metrics,
+            one_line(episode.error or ""),
+            episode.diagnostics,
+            Origin(**{**asdict(origin), "machine": one_line(origin.machine)}),
+            episode.commands,
+            episode.inference_s,
+        )
+
+    def row(self, cell: Cell) -> dict[str, Any]:
+        """What ``load_results`` will say of it."""
+        facts = {"seed": self.seed, "robot": self.robot, "outcome": self.outcome}
+        rest = {"steps": self.steps, "error": self.error, "diagnostics": _json(self.diagnostics)}
+        return {**asdict(cell), **facts, **self.metrics, **rest, **asdict(self.origin)}
 
 
 def scenario_label(scenario: Scenario) -> str:
@@ -88,119 +187,70 @@ def slug(text: str) -> str:
     return f"{safe}-{hashlib.sha256(text.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
 
 
-def make_row(
-    cell: Cell, episode: Episode, metrics: Mapping[str, float], machine: str
-) -> dict[str, str]:
-    """One row of the store; floats are written so that reading gives them back exactly."""
-    facts = {
-        "seed": str(episode.seed),
-        "robot": episode.robot,
-        "outcome": episode.outcome,
-        **{name: repr(float(value)) for name, value in metrics.items()},
-        "steps": str(episode.steps),
-        "error": _one_line(episode.error or ""),
-        "diagnostics": json.dumps(dict(episode.diagnostics), sort_keys=True),
-        "machine": _one_line(machine),
-        "timestamp": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
-    return {**asdict(cell), **facts}
+def one_line(text: str) -> str:
+    """Text as one line of printable characters, at most 1000."""
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    return " ".join(printable.split())[:1000]
 
 
 class ResultsStore:
-    """Appends rows to the files of cells; any number of processes may do so at once."""
+    """Adds episodes to the database of a folder; any number of processes may do so at once."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._known: dict[Path, _Known] = {}
-
-    def path(self, cell: Cell) -> Path:
-        """Where the rows of a cell are."""
-        return cell.path(self.folder, "episodes", ".csv")
+        self.path = folder / FILE
+        self._connection: sqlite3.Connection | None = None
 
     def stored(self, cell: Cell) -> dict[int, set[str]]:
-        """The robots whose rows are stored, for each seed.
+        """The robots whose episodes are stored, for each seed.
 
         Raises:
-            ResultsError: the file cannot be opened or has rows that cannot be read.
+            ResultsError: the file cannot be read.
         """
-        path = self.path(cell)
-        if not path.exists():
-            return {}
-        with locked(path) as descriptor:
-            known = self._update(path, descriptor)
         seeds: dict[int, set[str]] = {}
-        for *identity, seed, robot in known.keys:
-            if tuple(identity) == cell.identity:
-                seeds.setdefault(int(seed), set()).add(robot)
+        with opened_for_reading(self.folder) as connection:
+            if connection is not None:
+                query = f"SELECT seed, robot FROM episodes JOIN cells ON cell = cells.id {CELL_IS}"
+                for seed, robot in connection.execute(query, cell.identity):
+                    seeds.setdefault(seed, set()).add(robot)
         return seeds
 
-    def append(self, cell: Cell, rows: Sequence[Row]) -> int:
-        """Store the rows of one episode, except those that are there; returns how many are new.
+    def append(
+        self, cell: Cell, results: Sequence[Result], scenario: Scenario | None = None
+    ) -> int:
+        """Store episodes in one transaction, except those that are there.
+
+        Args:
+            cell: to which they belong.
+            results: for each robot and seed one.
+            scenario: the definition, without which they cannot be simulated again.
+
+        Returns:
+            How many are new.
 
         Raises:
-            ResultsError: the disk is full, the file is not writable, or it has other columns.
+            ResultsError: the disk is full, or the file is locked, damaged or not writable.
         """
-        path = self.path(cell)
-        with locked(path) as descriptor:
-            known = self._update(path, descriptor)
-            columns = known.columns or list(rows[0])
-            if set(columns) != set(rows[0]):
-                different = ", ".join(sorted(set(columns) ^ set(rows[0])))
-                raise ResultsError(
-                    f"{path}: written with other columns ({different}); move it away or choose "
-                    "another folder with --results"
-                )
-            new = [row for row in rows if _key(row) not in known.keys]
-            if new:
-                lines = [_line([row[name] for name in columns]) for row in new]
-                append(descriptor, b"".join(lines if known.columns else [_line(columns), *lines]))
-        return len(new)
+        connection = self._writer()
+        with reported(self.path), transaction(connection):
+            number = _cell_number(connection, cell, scenario)
+            return sum(_insert(connection, number, cell.version, result) for result in results)
 
     def rows(self, cell: Cell) -> pd.DataFrame:
         """The stored rows of a cell, sorted by seed and robot."""
-        path = self.path(cell)
-        rows = [row for row in _read(path) if _identity(row) == cell.identity]
-        return _frame(rows).sort_values(["seed", "robot"], ignore_index=True)
+        from crowdbench.evaluation.rows import empty_frame, read_frame
 
-    def describe_scenario(self, cell: Cell, scenario: Scenario) -> None:
-        """Write the definition of a scenario that is not crowdbench's own beside its rows."""
-        if "@" not in cell.scenario:
-            return
-        with locked(self.path(cell).parent / "scenario.json") as descriptor:
-            if os.fstat(descriptor).st_size == 0:
-                append(descriptor, (scenario.model_dump_json(indent=2) + "\n").encode())
+        with opened_for_reading(self.folder) as connection:
+            if connection is None:
+                return empty_frame()
+            found = connection.execute(f"SELECT id FROM cells {CELL_IS}", cell.identity)
+            return read_frame(connection, [number for (number,) in found], self.path)
 
-    def _update(self, path: Path, descriptor: int) -> _Known:
-        """Cut off an incomplete last line and take note of what others have appended."""
-        status = os.fstat(descriptor)
-        known = self._known.get(path)
-        if known is None or known.inode != status.st_ino or status.st_size < known.end:
-            known = self._known[path] = _Known(status.st_ino)
-        data = read_from(descriptor, known.end)
-        complete = data.rfind(b"\n") + 1
-        if complete < len(data):
-            os.ftruncate(descriptor, known.end + complete)
-        known.take(path, data[:complete])
-        return known
-
-
-class _Known:
-    """What is known of one file: its columns, the keys of its rows, and how far it was read."""
-
-    def __init__(self, inode: int) -> None:
-        self.inode = inode
-        self.end = 0
-        self.lines = 0
-        self.columns: list[str] = []
-        self.keys: set[tuple[str, ...]] = set()
-
-    def take(self, path: Path, data: bytes) -> None:
-        """Read complete lines that follow those read before."""
-        columns, rows = _parse(path, data, self.columns, self.lines)
-        self.columns = columns
-        self.keys |= {_key(row) for row in rows}
-        self.end += len(data)
-        self.lines += data.count(b"\n")
+    def _writer(self) -> sqlite3.Connection:
+        if self._connection is None:
+            self._connection = open_for_writing(self.folder)
+            weakref.finalize(self, self._connection.close)
+        return self._connection
 
 
 def load_results(
@@ -218,102 +268,108 @@ def load_results(
         agent: only this agent, with its options.
 
     Raises:
-        ResultsError: rows that cannot be read; the message gives file and line.
+        ResultsError: the file cannot be read, or a row holds what cannot be.
     """
-    chosen: list[dict[str, str]] = []
-    for path in sorted(Path(folder).glob("episodes/*/*.csv")):
-        rows = _read(path)
-        latest = {(row["scenario"], row["agent"]): _identity(row) for row in rows}
-        chosen += [
-            row
-            for row in rows
-            if latest[row["scenario"], row["agent"]] == _identity(row)
-            and scenario in (None, row["scenario"])
-            and agent in (None, row["agent"])
+    from crowdbench.evaluation.rows import empty_frame, read_frame
+
+    with opened_for_reading(Path(folder)) as connection:
+        if connection is None:
+            return empty_frame()
+        cells = [
+            number
+            for number, label, name in latest_cells(connection)
+            if scenario in (None, label) and agent in (None, name)
         ]
-    return _frame(chosen).sort_values(["scenario", "agent", "seed", "robot"], ignore_index=True)
+        return read_frame(connection, cells, Path(folder) / FILE)
 
 
-def metric_columns(columns: Iterable[str]) -> list[str]:
-    """Those columns that hold metrics, in the order of the store."""
-    fixed = {field.name for field in fields(Cell)} | {"seed", "robot", "outcome", *_LAST}
-    return [name for name in columns if name not in fixed]
+def load_driven(folder: str | Path, cell: Cell, seed: int) -> list[Driven] | None:
+    """What the robots of a stored episode did, in their order.
 
+    Returns:
+        None if the episode is not stored, or not its commands.
 
-def _identity(row: Mapping[str, str]) -> tuple[str, ...]:
-    version = ".".join(row["version"].split(".")[:2])
-    names = ("scenario", "scenario_digest", "agent", "weights_sha256", "code")
-    return (*(row[name] for name in names), version)
-
-
-def _key(row: Row) -> tuple[str, ...]:
-    return (*_identity(row), row["seed"], row["robot"])
-
-
-def _read(path: Path) -> list[dict[str, str]]:
-    """All complete rows; a row that is being written at this moment is not there yet."""
+    Raises:
+        ResultsError: it cannot be read.
+    """
+    path = Path(folder) / FILE
+    with opened_for_reading(Path(folder)) as connection:
+        if connection is None:
+            return None
+        query = f"""
+            SELECT robot, outcome, error, diagnostics, steps, commands, inference_s FROM episodes
+            JOIN cells ON cell = cells.id LEFT JOIN actions ON episode = episodes.id
+            {CELL_IS} AND seed = ? ORDER BY length(robot), robot"""
+        rows = connection.execute(query, (*cell.identity, seed)).fetchall()
+    if not rows or any(row[-1] is None for row in rows):
+        return None
+    where = f"{path}: {cell.agent} in {cell.scenario}, seed {seed}"
     try:
-        with path.open("rb") as file:
-            data = read_from(file.fileno(), 0)
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot be read ({error.strerror})") from error
-    return _parse(path, data[: data.rfind(b"\n") + 1], columns=[], before=0)[1]
+        return [unpacked(*row) for row in rows]
+    except ValueError as error:
+        raise ResultsError(f"{where}: damaged commands ({error})") from error
 
 
-def _parse(
-    path: Path, data: bytes, columns: list[str], before: int
-) -> tuple[list[str], list[dict[str, str]]]:
-    """Split complete lines into columns and rows; ``before`` lines precede them in the file."""
-    rows = []
-    for number, line in enumerate(data.split(b"\n")[:-1], start=before + 1):
-        try:
-            values = next(csv.reader([line.decode().rstrip("\r")], strict=True), [])
-            if not columns:
-                columns = _checked_header(values)
-                continue
-            if len(values) != len(columns):
-                raise ValueError(f"expected {len(columns)} fields, got {len(values)}")
-            row = dict(zip(columns, values, strict=True))
-            for name in _INTEGERS:
-                int(row[name])
-            for name in metric_columns(columns):
-                float(row[name])
-        except (ValueError, csv.Error) as error:
-            raise ResultsError(f"{path}, line {number}: not a row of results ({error})") from error
-        rows.append(row)
-    return columns, rows
+def load_commands(folder: str | Path, cell: Cell, seed: int) -> list[NDArray[np.float64]] | None:
+    """The commands (T, 2) of each robot of a stored episode; as ``load_driven``."""
+    driven = load_driven(folder, cell, seed)
+    return None if driven is None else [one.commands for one in driven]
 
 
-def _checked_header(names: list[str]) -> list[str]:
-    required = [field.name for field in fields(Cell)] + ["seed", "robot", "outcome", *_LAST]
-    missing = [name for name in required if name not in names]
-    if missing:
-        raise ValueError(f"the header lacks {', '.join(missing)}")
-    return names
+def latest_cells(connection: sqlite3.Connection) -> list[tuple[int, str, str]]:
+    """Number, scenario and agent of the cells that no later one supersedes."""
+    query = """
+        SELECT cells.id, scenario, agent FROM cells JOIN episodes ON cell = cells.id
+        GROUP BY cells.id ORDER BY max(timestamp), max(episodes.id)"""
+    latest = {(label, name): number for number, label, name in connection.execute(query)}
+    return [(number, *key) for key, number in latest.items()]
 
 
-def _frame(rows: list[dict[str, str]]) -> pd.DataFrame:
-    import pandas as pd
-
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    names = names or [field.name for field in fields(Cell)] + ["seed", "robot", "outcome", *_LAST]
-    table: dict[str, Any] = {name: [row.get(name, "") for row in rows] for name in names}
-    for name in _INTEGERS:
-        table[name] = [int(value) for value in table[name]]
-    for name in metric_columns(names):
-        table[name] = [float(value) if value else math.nan for value in table[name]]
-    return pd.DataFrame(table, columns=names)
-
-
-def _line(values: Iterable[str]) -> bytes:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerow(values)
-    return buffer.getvalue().encode()
+def _cell_number(connection: sqlite3.Connection, cell: Cell, scenario: Scenario | None) -> int:
+    definition = scenario.model_dump_json() if scenario else ""
+    connection.execute(
+        """
+        INSERT INTO cells (scenario, scenario_digest, agent, weights_sha256, code, series,
+            options, definition) VALUES (?, ?, ?, ?, ?, ?, ?, ?)
+        ON CONFLICT DO UPDATE SET definition = excluded.definition WHERE definition = ''""",
+        (*cell.identity, cell.options, definition),
+    )
+    found = connection.execute(f"SELECT id FROM cells {CELL_IS}", cell.identity)
+    number: int = found.fetchone()[0]
+    return number
 
 
-def _one_line(text: str) -> str:
-    """Text as one line of printable characters, at most 1000."""
-    printable = "".join(c if c.isprintable() else " " for c in text)
-    return " ".join(printable.split())[:1000]
+def _insert(connection: sqlite3.Connection, cell: int, release: str, result: Result) -> int:
+    """Add an episode; 0 if it is there."""
+    facts = {
+        "cell": cell,
+        "seed": result.seed,
+        "robot": result.robot,
+        "outcome": result.outcome,
+        "steps": result.steps,
+        "error": result.error,
+        "diagnostics": _json(result.diagnostics),
+        "version": release,
+        **asdict(result.origin),
+        "metric_set": metric_set(connection, definitions(result.metrics)),
+    }
+    marks = ", ".join("?" * len(facts))
+    added = connection.execute(
+        f"INSERT INTO episodes ({', '.join(facts)}) VALUES ({marks}) ON CONFLICT DO NOTHING",
+        tuple(facts.values()),
+    )
+    if not added.rowcount:
+        return 0
+    episode = added.lastrowid
+    connection.execute("INSERT INTO metrics (episode) VALUES (?)", (episode,))
+    write_metrics(connection, episode, result.metrics)
+    if result.commands is not None and result.inference_s is not None:
+        connection.execute(
+            "INSERT INTO actions (episode, commands, inference_s) VALUES (?, ?, ?)",
+            (episode, *packed(result.commands, result.inference_s)),
+        )
+    return 1
+
+
+def _json(counters: Mapping[str, float]) -> str:
+    return json.dumps(dict(counters), sort_keys=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import Agent, AgentSpec, Observation, describe_error
+from crowdbench.agent import Agent, AgentSpec, Observation, describe_error, require_drive
 from crowdbench.evaluation.episode import Episode, Outcome
 from crowdbench.evaluation.pulse import RESET
 from crowdbench.scenario import Scenario
@@ -69,7 +69,8 @@ def run_episode(
         One episode per robot, in the order of the robots.
 
     Raises:
-        ScenarioError, AgentError: they cannot be found or made, or there is no room.
+        ScenarioError, AgentError: they cannot be found or made, there is no room, or the agent
+            cannot act for the scenario's drive.
     """
     env = scenario if isinstance(scenario, CrowdEnv) else parallel_env(scenario)
     logs = _logs(env)
@@ -80,6 +81,8 @@ def run_episode(
         agent = [agent.make() for _ in logs]
     if len(agent) != len(logs):
         raise ValueError(f"{len(logs)} robots need as many agents, got {len(agent)}")
+    for one in agent:
+        require_drive(one.drives, label or type(one).__name__, env.scenario)
     agents = {log.robot: agent[log.index] for log in logs}
     observations, _ = env.reset(seed=seed)
     states: list[State] = [env.state()]
@@ -110,15 +113,6 @@ def run_episode(
         _ask_diagnostics(log, agents[log.robot], on_call)
     label = label or type(agent[0]).__name__
     return [_episode(log, env.scenario, label, seed, states) for log in logs]
-
-
-def lost_episode(env: CrowdEnv, seed: int, label: str, error: str) -> list[Episode]:
-    """Log an episode whose process was lost: the starting state and what happened."""
-    env.reset(seed=seed)
-    logs = _logs(env)
-    for log in logs:
-        log.fail(error)
-    return [_episode(log, env.scenario, label, seed, [env.state()]) for log in logs]
 
 
 def warm_up(
@@ -164,14 +158,15 @@ def _act(
         start = time.perf_counter()
         action = agent.act(sensed)
         log.inference_s.append(time.perf_counter() - start)
-        array = np.asarray(action, dtype=np.float64)
+        # A copy: an agent may hand over the same array at every step.
+        array = np.array(action, dtype=np.float64)
     except (Exception, SystemExit) as error:
         log.fail(describe_error(error))
         return np.zeros(2)
     finally:
         on_call(None)
     if array.shape != (2,):
-        log.fail(f"act returned shape {array.shape}, expected (2,): v [m/s], w [rad/s]")
+        log.fail(f"act returned shape {array.shape}, expected (2,), e.g. v [m/s], w [rad/s]")
     elif not np.isfinite(array).all():
         log.fail(f"act returned {array.tolist()}, expected finite numbers")
     return array if log.outcome is None else np.zeros(2)
@@ -223,9 +218,12 @@ def _episode(
         obstacles=states[0]["obstacles"],
         pedestrian_radius=scenario.pedestrians.radius,
         robot_pose=poses[:, log.index],
+        robot_world_velocity=arrays["robot_world_velocity"][:, log.index],
+        robot_speed=arrays["robot_speed"][:, log.index],
         actions=np.array(log.actions).reshape(-1, 2),
         commands=np.array(log.commands).reshape(-1, 2),
         other_robots=np.delete(others, log.index, axis=1),
+        pedestrian_reactive=states[0]["pedestrian_reactive"],
         pedestrian_position=arrays["pedestrian_position"],
         pedestrian_velocity=arrays["pedestrian_velocity"],
         pedestrian_goal=arrays["pedestrian_goal"],

@@ -1,8 +1,9 @@
-"""A plan of runs in, stored rows out: in parallel, resumable, and the same either way.
+"""A plan of runs in, stored episodes out: in parallel, resumable, and the same either way.
 
 Every episode depends on its scenario, agent and seed alone, so the order in which processes get
 to them does not matter, and an episode that is stored need not be run again (``results`` says
-when an episode counts as stored).
+when an episode counts as stored). Worker processes run agents and say what the robots did; this
+one simulates that again and measures it, so that no agent can touch a metric.
 """
 
 from __future__ import annotations
@@ -11,16 +12,19 @@ import json
 import os
 import platform
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
-from crowdbench.evaluation.appending import require_writable
+from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
+from crowdbench.evaluation.database import require_writable
+from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.pool import Answer, Limits, Lost, Pool
+from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
-from crowdbench.evaluation.trajectories import TrajectoryStore
+from crowdbench.evaluation.scoring import Scorer
 from crowdbench.evaluation.worker import Broken, Describe, Described, Done, Job, Message, Refused
 from crowdbench.scenario import Scenario
 
@@ -48,7 +52,23 @@ class Progress:
     total: int
     stored: int
     done: int
-    rows: Sequence[dict[str, str]] = ()
+    rows: Sequence[Mapping[str, Any]] = ()
+
+
+class UnfaithfulError(RuntimeError):
+    """Episodes that are not what an agent's process told of them; everything else is stored.
+
+    Attributes:
+        cells: those of the run, as it would have returned them.
+        episodes: a line for each, which agent, scenario and seed it was.
+    """
+
+    def __init__(self, cells: list[Cell], episodes: Sequence[str]) -> None:
+        super().__init__(
+            f"{len(episodes)} episodes are not stored, because they are not what the agent's "
+            f"process told of them: {'; '.join(episodes[:3])}"
+        )
+        self.cells, self.episodes = cells, episodes
 
 
 def run(
@@ -57,7 +77,6 @@ def run(
     *,
     jobs: int | None = None,
     limits: Limits | None = None,
-    save_trajectories: bool = False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> list[Cell]:
     """Run the episodes of a plan that are not stored yet, and store them as they end.
@@ -71,19 +90,19 @@ def run(
         jobs: worker processes, by default one per core. With more than one, each agent computes
             in a single thread, which is also how ``inference_s`` is then to be read.
         limits: for agent code.
-        save_trajectories: keep whole episodes too; stored rows without one are run again for it.
         on_progress: called at the start and after every episode.
 
     Returns:
         The cells of the tasks, in their order, to look up their rows.
 
     Raises:
-        AgentError: an agent cannot be made.
+        AgentError: an agent cannot be made, or cannot act for a scenario's drive.
         ScenarioError: a scenario has no room.
         ResultsError: the results folder cannot be written to.
+        UnfaithfulError: at the end, if an agent's process told of episodes that do not happen.
     """
     folder = Path(folder)
-    store, trajectories = ResultsStore(folder), TrajectoryStore(folder)
+    store, scorer = ResultsStore(folder), Scorer()
     require_writable(folder)
     for task in tasks:
         _require_known(task.agent.name)
@@ -92,35 +111,35 @@ def run(
     with Pool(jobs, limits or Limits()) as pool:
         pool.prepare(sum(len(task.seeds) for task in tasks))
         identities = _identify(pool, [task.agent for task in tasks])
+        for task in tasks:
+            label = str(task.agent)
+            require_drive(identities[label].drives, label, task.scenario)
         cells = [_cell(task, identities[str(task.agent)]) for task in tasks]
         queue: deque[Message] = deque()
         for task, cell in zip(tasks, cells, strict=True):
             finished = store.stored(cell)
-            if save_trajectories:
-                whole = trajectories.stored(cell)
-                finished = {s: robots & whole.get(s, set()) for s, robots in finished.items()}
-            robots = {f"robot_{r}" for r in range(task.scenario.robots.count)}
+            robots = set(_robots(task.scenario))
             missing = [seed for seed in task.seeds if not finished.get(seed, set()) >= robots]
-            if missing:
-                store.describe_scenario(cell, task.scenario)
-            for seed in missing:
-                job = Job(task.scenario, task.agent, cell, seed, machine, save_trajectories)
-                queue.append(job)
+            queue.extend(Job(task.scenario, task.agent, cell, seed) for seed in missing)
         total = sum(len(task.seeds) for task in tasks)
         progress = Progress(total, stored=total - len(queue), done=0)
         on_progress(progress)
-        for message, answer in pool.run(queue):
-            assert isinstance(message, Job)
-            if isinstance(answer, Lost):
-                queue.appendleft(_log_loss(message, answer))
+        unfaithful = []
+        for job, answer in pool.run(queue):
+            assert isinstance(job, Job)
+            try:
+                results = scorer.score(
+                    job.scenario, job.cell.agent, job.seed, _driven(job, answer), machine
+                )
+            except ResimulationError as error:
+                unfaithful.append(f"{job.cell.agent} in {job.cell.scenario}: {error}")
                 continue
-            done = _checked(answer)
-            assert isinstance(done, Done)
-            if done.trajectories:
-                trajectories.append(message.cell, done.trajectories)
-            store.append(message.cell, done.rows)
-            progress = replace(progress, done=progress.done + 1, rows=done.rows)
+            store.append(job.cell, results, job.scenario)
+            rows = [result.row(job.cell) for result in results]
+            progress = replace(progress, done=progress.done + 1, rows=rows)
             on_progress(progress)
+    if unfaithful:
+        raise UnfaithfulError(cells, unfaithful)
     return cells
 
 
@@ -166,10 +185,17 @@ def _cell(task: Task, identity: Described) -> Cell:
     )
 
 
-def _log_loss(job: Job, lost: Lost) -> Job:
-    if job.lost is not None:
-        raise RuntimeError(f"{job.cell.scenario}, seed {job.seed}: {lost.reason}, twice")
-    return replace(job, lost=lost.reason)
+def _robots(scenario: Scenario) -> list[str]:
+    return [f"robot_{r}" for r in range(scenario.robots.count)]
+
+
+def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
+    """What the robots did; nothing, when the process that ran them was lost."""
+    if isinstance(answer, Lost):
+        return [Driven.lost(robot, answer.reason) for robot in _robots(job.scenario)]
+    done = _checked(answer)
+    assert isinstance(done, Done)
+    return done.driven
 
 
 def _checked(answer: Answer) -> Done | Described:

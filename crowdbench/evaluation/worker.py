@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
+from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.pulse import MAKING, WARM_UP, Pulse
-from crowdbench.evaluation.results import Cell, make_row
+from crowdbench.evaluation.results import Cell
 from crowdbench.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
@@ -39,15 +40,12 @@ class Describe:
 
 @dataclass(frozen=True)
 class Job:
-    """Run one episode, or, when ``lost`` says how its process died, log that."""
+    """Run one episode."""
 
     scenario: Scenario
     agent: AgentSpec
     cell: Cell
     seed: int
-    machine: str
-    keep_trajectory: bool
-    lost: str | None = None
 
 
 @dataclass(frozen=True)
@@ -56,14 +54,14 @@ class Described:
 
     weights_sha256: str
     code: str
+    drives: tuple[str, ...] | None
 
 
 @dataclass(frozen=True)
 class Done:
-    """Answer to Job: one row per robot, and their trajectories if asked for."""
+    """Answer to Job: what each robot did, which the parent simulates again to measure it."""
 
-    rows: list[dict[str, str]]
-    trajectories: list[bytes]
+    driven: list[Driven]
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,6 @@ def main() -> None:
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     # What is on the stack when the process crashes or is stopped tells where it was.
     faulthandler.enable(crash_fd, all_threads=False)
-    import crowdbench.evaluation.metrics
     import crowdbench.evaluation.rollout  # noqa: F401 - now, while the parent is still planning
 
     worker = _Worker(Pulse(pulse_fd))
@@ -123,7 +120,7 @@ class _Worker:
         self._env: CrowdEnv | None = None
         self._label = ""
         self._agents: list[Agent] = []
-        self._described = Described("", "")
+        self._described = Described("", "", None)
         self._warm = False
 
     def answer(self, message: Message) -> Answer:
@@ -138,28 +135,20 @@ class _Worker:
             return Broken(traceback.format_exc())
 
     def _run(self, job: Job) -> Done:
-        from crowdbench.evaluation.metrics import metrics
-        from crowdbench.evaluation.rollout import lost_episode, run_episode, warm_up
-        from crowdbench.evaluation.trajectories import encode_episode
+        from crowdbench.evaluation.rollout import run_episode, warm_up
 
         env, label = self._environment(job.scenario), str(job.agent)
-        if job.lost is not None:
-            episodes = lost_episode(env, job.seed, label, job.lost)
-        else:
-            self._make(job.agent, count=job.scenario.robots.count)
-            if self._described != Described(job.cell.weights_sha256, job.cell.code):
-                raise AgentError(f"agent {label!r} was changed during the run; run again")
-            if not self._warm:
-                observations, _ = env.reset(seed=job.seed)
-                with self._pulse.during(WARM_UP):
-                    warm_up(env, self._agents, observations)
-                self._warm = True
-            episodes = run_episode(
-                env, self._agents, job.seed, label=label, on_call=self._pulse.beat
-            )
-        rows = [make_row(job.cell, item, metrics(item), job.machine) for item in episodes]
-        kept = episodes if job.keep_trajectory else []
-        return Done(rows, [encode_episode(job.cell, item) for item in kept])
+        self._make(job.agent, count=job.scenario.robots.count)
+        made = self._described.weights_sha256, self._described.code
+        if made != (job.cell.weights_sha256, job.cell.code):
+            raise AgentError(f"agent {label!r} was changed during the run; run again")
+        if not self._warm:
+            observations, _ = env.reset(seed=job.seed)
+            with self._pulse.during(WARM_UP):
+                warm_up(env, self._agents, observations)
+            self._warm = True
+        episodes = run_episode(env, self._agents, job.seed, label=label, on_call=self._pulse.beat)
+        return Done([Driven.of(episode) for episode in episodes])
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv
@@ -176,7 +165,8 @@ class _Worker:
         with self._pulse.during(MAKING):
             del self._agents[count:]
             self._agents += [spec.make() for _ in range(count - len(self._agents))]
-        self._described = Described(self._agents[0].weights_sha256 or "", code_version(spec.name))
+        weights = self._agents[0].weights_sha256 or ""
+        self._described = Described(weights, code_version(spec.name), self._agents[0].drives)
 
 
 def _die_with(parent: int) -> None:

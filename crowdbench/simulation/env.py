@@ -2,9 +2,9 @@
 
 Description
 -----------
-One or more differential-drive robots each have to reach a goal on the far side of a crowd, or of a
-corridor, without touching anybody or anything. Pedestrians walk to goals of their own; a share of
-them sees the robots and evades them. What the world is like is a scenario's matter.
+One or more robots each have to reach a goal on the far side of a crowd, or of a corridor, without
+touching anybody or anything. Pedestrians walk to goals of their own. Reactive ones see the robots
+and evade them, non-reactive ones do not. A scenario says what the world is like.
 
 The agents are ``robot_0``, ``robot_1``, ... With ``pedestrians.control: agents`` the pedestrians
 are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
@@ -12,14 +12,15 @@ are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
 Action space
 ------------
 Robots: ``Box(2,)``, held for one control period (``control_period``, 0.2 s). Actions out of range
-are clipped, then limited by ``robots.acceleration`` where the scenario has such limits.
+are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. The first
+number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the drive's (left > 0):
 
-=====  ==============  ====================  ==============================
-index  action          default range         scenario field
-=====  ==============  ====================  ==============================
-0      forward speed   0 to 1 m/s            ``robots.speed``
-1      turn rate       -1.5 to 1.5 rad/s     ``robots.turn_rate``, left > 0
-=====  ==============  ====================  ==============================
+===================  ======================================================================
+``robots.drive``     second number of an action
+===================  ======================================================================
+``differential``     turn rate (``robots.turn_rate``, -1.5 to 1.5 rad/s)
+``omnidirectional``  sideways speed (``robots.lateral_speed``, -1 to 1 m/s); it never turns
+===================  ======================================================================
 
 Pedestrians: ``Box(2,)``, desired velocity in the world frame, -2 to 2 m/s along x and y. A
 pedestrian without an action walks by itself.
@@ -37,7 +38,7 @@ key           shape       meaning
 ``lidar``     (beams,)    distance from the robot's centre to the nearest surface along each
                           beam [m], ``lidar.range`` where nothing is hit; a full circle starts
                           ahead and goes counter-clockwise
-``velocity``  (2,)        forward speed [m/s] and turn rate [rad/s] as driven
+``velocity``  (2,)        what the drive does, in the terms of its actions
 ``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
 ``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero
 ============  ==========  ==================================================================
@@ -80,8 +81,8 @@ Pedestrians: metres gained towards their current goal.
 Episode end
 -----------
 A robot terminates on arrival (within ``robots.goal_tolerance``, 0.3 m) or on any contact, and
-leaves the scene; who touches something while arriving has collided. At ``time_limit`` everybody
-still there is truncated, pedestrians as soon as the last robot is gone.
+leaves the scene; one that touches something while arriving has collided. At ``time_limit``
+everybody still there is truncated, pedestrians as soon as the last robot is gone.
 
 Information
 -----------
@@ -129,6 +130,7 @@ from pettingzoo import ParallelEnv
 from crowdbench.agent import RobotSpec, lidar_angles
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
+from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.reward import collision_term, goal_term, social_term
 from crowdbench.simulation.world import World
@@ -191,11 +193,12 @@ class CrowdEnv(ParallelEnv):
         self._walkers = {f"pedestrian_{p}": p for p in range(steered)}
         self.possible_agents = [*self._robots, *self._walkers]
         self.agents: list[str] = []
+        drive = make_drive(scenario)
         self.action_spaces, self.observation_spaces = observations.agent_spaces(
-            scenario, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED
+            scenario, drive, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED
         )
         self.state_space = observations.state_space(scenario)
-        self._limits = np.array([scenario.robots.speed, scenario.robots.turn_rate]).T
+        self._low, self._high = drive.low, drive.high
         self._beams = beam_table(lidar_angles(scenario))
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None
@@ -244,7 +247,7 @@ class CrowdEnv(ParallelEnv):
         self.agents = list(self.possible_agents)
         self._distance = np.linalg.norm(self._world.goals - self._world.pose[:, :2], axis=1)
         seen = {name: self._observe(r)[0] for r, name in enumerate(self._robots)}
-        seen |= observations.of_walkers(self._world, self._walkers)
+        seen |= observations.observe_pedestrians(self._world, self._walkers)
         if self.render_mode == "human":
             self.render()
         return seen, {name: {} for name in self.agents}
@@ -284,7 +287,7 @@ class CrowdEnv(ParallelEnv):
             if not world.active[r]:
                 continue
             seen[name], nearest = self._observe(r)
-            terms, outcome = self._judge(r, nearest)
+            terms, outcome = self._reward_and_outcome(r, nearest)
             rewards[name] = float(sum(terms.values()))
             terminations[name] = outcome in ("success", "collision")
             truncations[name] = late and outcome == "running"
@@ -297,10 +300,10 @@ class CrowdEnv(ParallelEnv):
             if ended:
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
-        seen |= observations.of_walkers(world, self._walkers)
+        seen |= observations.observe_pedestrians(world, self._walkers)
         for name, p in self._walkers.items():
             goal, after = world.pedestrians.goal[p], world.pedestrians.position[p]
-            # To the goal it has now: a new one, further away, is no loss.
+            # To its present goal: a new one, further away, is no loss.
             rewards[name] = math.dist(goal, before[p]) - math.dist(goal, after)
             terminations[name], truncations[name], infos[name] = False, over, {}
         ended_now = {name for name in seen if terminations[name] or truncations[name]}
@@ -355,19 +358,18 @@ class CrowdEnv(ParallelEnv):
             if actions.get(name) is not None:
                 velocity = observations.checked_action(name, actions[name])
                 walking[p] = np.clip(velocity, -PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED)
-        low, high = self._limits
-        return np.minimum(np.maximum(commands, low), high), walking
+        return np.minimum(np.maximum(commands, self._low), self._high), walking
 
     def _observe(self, r: int) -> tuple[dict[str, NDArray[np.float32]], float]:
         """A robot's observation, and its least true LiDAR distance [m]."""
         assert self._world is not None
-        seen, nearest = observations.of_robot(
+        seen, nearest = observations.observe_robot(
             self._world, self.scenario, r, self._beams, self._noise[r], self._origin[r]
         )
         self._scans[self._robots[r]] = seen["lidar"]
         return seen, nearest
 
-    def _judge(self, r: int, nearest: float) -> tuple[dict[str, float], str]:
+    def _reward_and_outcome(self, r: int, nearest: float) -> tuple[dict[str, float], str]:
         """Reward terms and outcome of a robot's step; a contact counts even on arrival."""
         world, weights = self._world, self.scenario.reward
         assert world is not None
@@ -378,9 +380,10 @@ class CrowdEnv(ParallelEnv):
         social = 0.0
         if weights.social > 0.0:
             social = weights.social * social_term(
-                world.pose[r],
-                world.velocity[r, 0],
-                self.scenario.robots.speed[1],
+                world.pose[r, :2],
+                world.direction[r],
+                world.speed[r],
+                world.drive.full_speed,
                 world.pedestrians.position,
                 world.pedestrians.velocity,
                 weights.social_radius,

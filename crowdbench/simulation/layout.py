@@ -7,15 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.scenario import Scenario, ScenarioError
+from crowdbench.scenario import NoRoomError, Scenario
+from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
 
-PASSAGE = 0.9
-"""Least gap between static obstacles, and on one side of each to a wall: nothing is closed [m]."""
 OBSTACLE_CLEARANCE = 1.0
 """Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
+FOOTPRINT_CLEARANCE = 0.3
+"""The same to the circle around its footprint, which decides where the robot is large [m]."""
+WALL_CLEARANCE = 0.1
+"""Least gap from that circle to a wall [m]."""
 _BATCH, _BATCHES = 64, 20
 _LAYOUTS = 10
+_CENTRED, _ANYWHERE, _DENSE = range(3)
+"""How hard places are sought, each for several layouts: robots on opposite sides of the centre, as
+a single one starts; on any line across the arena; there as near to others as they may be."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,7 @@ class Layout:
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
-        pedestrian_reactive: (P,) who sees the robots.
+        pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
     """
 
     robot_pose: NDArray[np.float64]
@@ -43,46 +49,47 @@ def place(scenario: Scenario, seed: int) -> Layout:
     """Draw a layout.
 
     Raises:
-        ScenarioError: there is no room; the message says what was placed and what was not.
+        NoRoomError: there is no room; the message says what was placed and what was not.
     """
     rng = streams.layout(seed)
-    problem = ""
-    for _ in range(_LAYOUTS):
-        try:
-            return _attempt(scenario, rng)
-        except _NoRoomError as error:
-            problem = str(error)
+    problems: list[_NoPlaceError] = []
+    for effort in (_CENTRED, _ANYWHERE, _DENSE):
+        for _ in range(_LAYOUTS):
+            try:
+                return _attempt(scenario, rng, effort)
+            except _NoPlaceError as error:
+                problems.append(error)
+        if all(isinstance(problem, _CrowdedError) for problem in problems):
+            break  # other places for the robots leave people no more room
     arena = scenario.arena
-    raise ScenarioError(
-        f"scenario {scenario.name!r} has no room: {problem} "
-        f"in {arena.length:g} x {arena.width:g} m; "
-        "use fewer or smaller bodies, less clearance or a larger arena"
+    raise NoRoomError(
+        f"scenario {scenario.name!r} has no room: {problems[-1]} "
+        f"in {arena.length:g} x {arena.width:g} m with seed {seed}; "
+        "use fewer or smaller bodies, less clearance or a larger arena",
+        seed,
     )
 
 
-class _NoRoomError(Exception):
-    pass
+class _NoPlaceError(Exception):
+    """Of a robot or an obstacle."""
 
 
-def _attempt(scenario: Scenario, rng: np.random.Generator) -> Layout:
-    pose, goal = _place_robots(scenario, rng)
-    obstacles = _place_obstacles(scenario, rng, np.vstack([pose[:, :2], goal]))
+class _CrowdedError(_NoPlaceError):
+    """Of a pedestrian, once robots and obstacles had theirs."""
+
+
+def _attempt(scenario: Scenario, rng: np.random.Generator, effort: int) -> Layout:
+    pose, goal = _place_robots(scenario, rng, effort)
+    obstacles = _place_obstacles(scenario, rng, np.vstack([pose[:, :2], goal]), effort)
     people = scenario.pedestrians
-    robot_radius = np.hypot(scenario.robots.length, scenario.robots.width) / 2
-    taken = np.vstack(
-        [
-            np.column_stack(
-                [pose[:, :2], np.full(len(pose), robot_radius + people.spawn_clearance)]
-            ),
-            obstacles,
-        ]
-    )
+    clearance = robot_radius(scenario.robots) + people.spawn_clearance
+    taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
     position = np.empty((people.count, 2))
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
     for p in range(people.count):
         spot = _fit(rng, half, taken, people.radius)
         if spot is None:
-            raise _NoRoomError(f"pedestrian {p + 1} of {people.count} found no place")
+            raise _CrowdedError(f"pedestrian {p + 1} of {people.count} found no place")
         position[p] = spot
         taken = np.vstack([taken, [*spot, people.radius]])
     reactive = np.zeros(people.count, dtype=np.bool_)
@@ -99,56 +106,91 @@ def _walls(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def _place_robots(
-    scenario: Scenario, rng: np.random.Generator
+    scenario: Scenario, rng: np.random.Generator, effort: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Starts and goals ``travel`` apart on opposite sides, headings roughly towards the goal."""
-    robots, arena = scenario.robots, scenario.arena
-    radius = float(np.hypot(robots.length, robots.width) / 2)
-    reach = robots.travel / 2
-    if arena.kind == "corridor" and reach + radius > arena.length / 2:
-        raise _NoRoomError(f"a robot's way of robots.travel = {robots.travel:g} m does not fit")
-    side = max(0.0, arena.width / 2 - 2 * radius)
+    robots = scenario.robots
+    gap = 2 * robot_radius(robots) + robots.goal_tolerance
     poses, goals = np.empty((robots.count, 3)), np.empty((robots.count, 2))
     for r in range(robots.count):
-        for _ in range(_BATCH):
-            if arena.kind == "open":
-                angle = rng.uniform(-np.pi, np.pi)
-                start = reach * np.array([np.cos(angle), np.sin(angle)])
-                goal = -start
-            else:
-                end = rng.choice([-1.0, 1.0])
-                start = np.array([end * reach, rng.uniform(-side, side)])
-                goal = np.array([-end * reach, rng.uniform(-side, side)])
-            others = np.vstack([poses[:r, :2], goals[:r]])
-            spots = np.vstack([start, goal])
-            gaps = np.linalg.norm(spots[:, None] - others[None], axis=2)
-            if (gaps > 2 * radius + robots.goal_tolerance).all():
+        others = np.vstack([poses[:r, :2], goals[:r]])
+        for _ in range(_BATCH if effort == _CENTRED else _BATCHES):
+            ends = (
+                _line(scenario, rng)[None]
+                if effort == _CENTRED
+                else np.array([_other_line(scenario, rng) for _ in range(_BATCH)])
+            )
+            gaps = np.linalg.norm(ends[:, :, None] - others[None, None], axis=3)
+            nearest = gaps.min(axis=(1, 2), initial=np.inf)
+            free = nearest > gap
+            if free.any():
                 break
         else:
-            raise _NoRoomError(f"robot {r + 1} of {robots.count} found no place")
+            raise _NoPlaceError(f"robot {r + 1} of {robots.count} found no place")
+        chosen = np.argmin(np.where(free, nearest, np.inf)) if effort == _DENSE else np.argmax(free)
+        start, goal = ends[chosen]
         ahead = goal - start
         heading = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-np.pi / 6, np.pi / 6)
         poses[r], goals[r] = [*start, heading], goal
     return poses, goals
 
 
+def _line(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(2, 2) start and goal [m] on opposite sides of the arena's centre."""
+    robots, arena = scenario.robots, scenario.arena
+    radius, reach = robot_radius(robots), robots.travel / 2
+    if arena.kind == "corridor":
+        side = max(0.0, arena.width / 2 - 2 * radius)
+        end = rng.choice([-1.0, 1.0])
+        return np.array(
+            [[end * reach, rng.uniform(-side, side)], [-end * reach, rng.uniform(-side, side)]]
+        )
+    # Directions from x towards y in which both ends lie within the arena.
+    least = np.arccos(min(1.0, (arena.length / 2 - radius) / reach))
+    most = np.arcsin(min(1.0, (arena.width / 2 - radius) / reach))
+    if least <= 0.0 and most >= np.pi / 2:
+        angle = rng.uniform(-np.pi, np.pi)
+    else:
+        angle = rng.uniform(least, max(least, most)) * rng.choice([-1.0, 1.0])
+    start = reach * np.array([np.cos(angle), np.sin(angle)])
+    if least > 0.0 or most < np.pi / 2:
+        start *= rng.choice([-1.0, 1.0])
+    return np.array([start, -start])
+
+
+def _other_line(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(2, 2) start and goal [m] as of ``_line``, moved to anywhere in the arena."""
+    arena, radius = scenario.arena, robot_radius(scenario.robots)
+    line = _line(scenario, rng)
+    half = np.array([arena.length, arena.width]) / 2 - radius
+    if arena.kind == "open":
+        return line + rng.uniform(-1.0, 1.0, 2) * np.maximum(0.0, half - np.abs(line[0]))
+    along = rng.uniform(-1.0, 1.0) * max(0.0, half[0] - abs(line[0, 0]))
+    side = max(0.0, half[1] - WALL_CLEARANCE)
+    return np.column_stack([line[:, 0] + along, rng.uniform(-side, side, 2)])
+
+
 def _place_obstacles(
-    scenario: Scenario, rng: np.random.Generator, keep_free: NDArray[np.float64]
+    scenario: Scenario, rng: np.random.Generator, keep_free: NDArray[np.float64], effort: int
 ) -> NDArray[np.float64]:
     """Round obstacles between which and past which everybody can walk."""
     settings, arena = scenario.obstacles, scenario.arena
+    gap = passage(scenario.robots)
+    clearance = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
     obstacles = np.empty((0, 3))
     half = np.array([arena.length, arena.width]) / 2
     for k in range(settings.count):
         radius = rng.uniform(*settings.radius)
-        keep = np.column_stack([keep_free, np.full(len(keep_free), OBSTACLE_CLEARANCE)])
-        apart = obstacles + np.array([0.0, 0.0, PASSAGE])
-        spot = _fit(rng, half - radius, np.vstack([keep, apart]), radius)
-        if spot is None:
-            raise _NoRoomError(f"obstacle {k + 1} of {settings.count} found no place")
-        passable = arena.kind == "open" or arena.width / 2 + abs(spot[1]) - radius >= PASSAGE
-        if not passable:
-            raise _NoRoomError(f"obstacle {k + 1} of {settings.count} blocks the corridor")
+        keep = np.column_stack([keep_free, np.full(len(keep_free), clearance)])
+        apart = obstacles + np.array([0.0, 0.0, gap])
+        for _ in range(1 if effort == _CENTRED else _BATCHES):
+            spot = _fit(rng, half - radius, np.vstack([keep, apart]), radius)
+            if spot is None:
+                raise _NoPlaceError(f"obstacle {k + 1} of {settings.count} found no place")
+            if arena.kind == "open" or arena.width / 2 + abs(spot[1]) - radius >= gap:
+                break
+        else:
+            raise _NoPlaceError(f"obstacle {k + 1} of {settings.count} blocks the corridor")
         obstacles = np.vstack([obstacles, [*spot, radius]])
     return obstacles
 

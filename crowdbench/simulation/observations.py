@@ -8,22 +8,23 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
+from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
 from crowdbench.simulation.world import World
 
 
 def agent_spaces(
-    scenario: Scenario, robots: list[str], walkers: list[str], top_speed: float
+    scenario: Scenario, drive: Drive, robots: list[str], walkers: list[str], top_speed: float
 ) -> tuple[dict[str, spaces.Space[Any]], dict[str, spaces.Space[Any]]]:
     """Action and observation spaces by agent; agents of a kind share theirs."""
     body = scenario.robots
-    low, high = np.array([body.speed, body.turn_rate], dtype=np.float32).T
-    drive = spaces.Box(low, high, dtype=np.float32)
+    low, high = drive.low.astype(np.float32), drive.high.astype(np.float32)
+    act = spaces.Box(low, high, dtype=np.float32)
     walk = spaces.Box(-top_speed, top_speed, (2,), dtype=np.float32)
     rest_low, rest_high = np.minimum(low, 0), np.maximum(high, 0)
     sense = spaces.Dict(
@@ -43,7 +44,7 @@ def agent_spaces(
             "pedestrians": _unbounded(others, 4),
         }
     )
-    actions: dict[str, spaces.Space[Any]] = dict.fromkeys(robots, drive)
+    actions: dict[str, spaces.Space[Any]] = dict.fromkeys(robots, act)
     seen: dict[str, spaces.Space[Any]] = dict.fromkeys(robots, sense)
     return actions | dict.fromkeys(walkers, walk), seen | dict.fromkeys(walkers, look)
 
@@ -61,6 +62,8 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "time": real(),
             "robot_pose": real(r, 3),
             "robot_velocity": real(r, 2),
+            "robot_speed": real(r),
+            "robot_world_velocity": real(r, 2),
             "robot_goal": real(r, 2),
             "robot_active": spaces.Box(0, 1, (r,), np.bool_),
             "pedestrian_position": real(p, 2),
@@ -85,6 +88,8 @@ def state(world: World) -> dict[str, NDArray[Any]]:
         "time": np.array(world.time),
         "robot_pose": world.pose.copy(),
         "robot_velocity": world.velocity.copy(),
+        "robot_speed": world.speed.copy(),
+        "robot_world_velocity": world.world_velocity.copy(),
         "robot_goal": world.goals.copy(),
         "robot_active": world.active.copy(),
         "pedestrian_position": people.position.copy(),
@@ -101,7 +106,7 @@ def state(world: World) -> dict[str, NDArray[Any]]:
     }
 
 
-def of_robot(
+def observe_robot(
     world: World,
     scenario: Scenario,
     r: int,
@@ -149,7 +154,7 @@ def of_robot(
     return seen, nearest
 
 
-@njit(cache=True)
+@compiled()
 def _proprioception(
     pose: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -168,14 +173,12 @@ def _proprioception(
     out[6] = (pose[2] - origin[2] + np.pi) % (2 * np.pi) - np.pi
 
 
-def of_walkers(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
     """Observations of the pedestrians that are agents, relative to each, in world axes."""
     if not walkers:
         return {}
     people = world.pedestrians
-    heading = world.pose[:, 2]
-    moving = world.velocity[:, :1] * np.column_stack([np.cos(heading), np.sin(heading)])
-    robots = np.hstack([world.pose[:, :2], moving])
+    robots = np.hstack([world.pose[:, :2], world.world_velocity])
     crowd = np.hstack([people.position, people.velocity])
     seen = {}
     for name, p in walkers.items():

@@ -1,4 +1,4 @@
-"""Pedestrians: where each one wants to go and how it walks there.
+"""Pedestrians: where each one wants to go, and whom it sees on the way.
 
 A pedestrian walks *legs*: from where it stands to a goal. Uni-modal legs are kept. A multi-modal
 leg is, with the switch probability, interrupted at a random moment, half the time to return to its
@@ -9,18 +9,18 @@ depends on nothing but the seed, the pedestrian and where the leg began.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
 from crowdbench.simulation.contact import INTENTS
-from crowdbench.simulation.orca import orca_velocities
-from crowdbench.simulation.social_force import social_force_velocities
+from crowdbench.simulation.walking import Crowd, checked_velocities, make_walking_model
 
 KEEP, RETURN, DIVERT = range(len(INTENTS))
-MODELS = ("straight", "orca", "social_force")
 
 ARRIVAL = 0.3
 """A pedestrian this near to its goal has arrived [m]."""
@@ -28,6 +28,20 @@ PATIENCE = 3.0
 """A leg that takes this many times as long as a free walk is given up."""
 _CANDIDATES = 16
 _NONE, _SWITCH, _NEW_LEG = range(3)
+
+
+class Robots(Protocol):
+    """What pedestrians can see of R robots.
+
+    Attributes:
+        pose: (R, 3) x, y [m], heading [rad].
+        world_velocity: (R, 2) [m/s].
+        active: (R,) robots that are still in the scene.
+    """
+
+    pose: NDArray[np.float64]
+    world_velocity: NDArray[np.float64]
+    active: NDArray[np.bool_]
 
 
 class Pedestrians:
@@ -39,7 +53,7 @@ class Pedestrians:
         speed: (P,) preferred speed, never exceeded [m/s].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
-        reactive: (P,) bool, sees the robot.
+        reactive: (P,) bool, sees the robots; the others are non-reactive.
         heading: (P,) direction of the last step walked [rad].
     """
 
@@ -55,9 +69,10 @@ class Pedestrians:
         """Begin the first leg of everybody at ``position`` (P, 2) [m]."""
         settings = scenario.pedestrians
         count = settings.count
-        self._settings = settings
+        self._scenario, self._settings = scenario, settings
         self._obstacles, self._walls = obstacles, walls
         self._step = scenario.control_period
+        self._half_view = np.deg2rad(settings.field_of_view) / 2
         self._robot_radius = float(np.hypot(scenario.robots.length, scenario.robots.width) / 2)
         self._half_extent = (
             np.array([scenario.arena.length, scenario.arena.width]) / 2 - settings.radius
@@ -78,7 +93,9 @@ class Pedestrians:
             [np.cos(self.heading), np.sin(self.heading)]
         )
         self._flags = np.zeros(count, dtype=np.int8)
-        self._model = MODELS.index(settings.model)
+        self._present = np.ones(count, dtype=np.bool_)
+        self._model = make_walking_model(scenario)
+        self._draws = streams.walking(seed)
 
     def advance_legs(self, time: float) -> None:
         """Switch, finish or give up the legs that are due at ``time`` [s]."""
@@ -90,41 +107,50 @@ class Pedestrians:
             elif self._settings.on_arrival == "new_goal":
                 self._begin_leg(p, time)
 
-    def walk(
-        self,
-        robot_pose: NDArray[np.float64],
-        robot_velocity: NDArray[np.float64],
-        robot_active: NDArray[np.bool_],
-        out: NDArray[np.float64],
-    ) -> None:
-        """Write the velocity (P, 2) [m/s] that everybody chooses from the present snapshot.
+    def begin(self, robots: Robots) -> None:
+        """Let the walking model see everybody before the first step."""
+        self._model.reset(self._crowd(robots), self._draws)
+
+    def walk(self, robots: Robots, time: float) -> NDArray[np.float64]:
+        """Return the velocity (P, 2) [m/s] that everybody chooses from the present snapshot.
 
         Args:
-            robot_pose: (R, 3) x, y [m], heading [rad].
-            robot_velocity: (R, 2) v [m/s], w [rad/s].
-            robot_active: (R,) robots that are still in the scene.
-            out: (P, 2), written.
+            robots: as they are now.
+            time: since the episode began [s].
+
+        Raises:
+            ScenarioError: the walking model does not return finite numbers (P, 2).
         """
+        chosen = self._model.velocities(self._crowd(robots), time)
+        return checked_velocities(self._scenario, chosen)
+
+    def _crowd(self, robots: Robots) -> Crowd:
         settings = self._settings
-        _walk(
-            self._model,
+        seen = _look(
             self.position,
             self.velocity,
-            self.goal,
-            self.speed,
             self.heading,
             self.reactive,
-            settings.radius,
-            np.deg2rad(settings.field_of_view) / 2,
-            robot_pose,
-            robot_velocity,
-            robot_active,
-            self._robot_radius,
-            settings.responsibility,
-            self._obstacles,
-            self._walls,
-            self._step,
-            out,
+            self._half_view,
+            robots.pose,
+            robots.active,
+        )
+        return Crowd(
+            position=self.position,
+            velocity=self.velocity,
+            heading=self.heading,
+            goal=self.goal,
+            preferred_speed=self.speed,
+            radius=settings.radius,
+            present=self._present,
+            sees_robot=seen,
+            robot_position=robots.pose[:, :2].copy(),
+            robot_velocity=robots.world_velocity,
+            robot_radius=self._robot_radius,
+            responsibility=settings.responsibility,
+            obstacles=self._obstacles,
+            walls=self._walls,
+            period=self._step,
         )
 
     def _begin_leg(self, p: int, time: float) -> None:
@@ -168,7 +194,7 @@ class Pedestrians:
         return places[np.argmax(far) if far.any() else np.argmax(distance)]
 
 
-@njit(cache=True)
+@compiled()
 def _due(
     time: float,
     position: NDArray[np.float64],
@@ -190,42 +216,20 @@ def _due(
     return found
 
 
-@njit(cache=True)
-def _walk(
-    model: int,
+@compiled()
+def _look(
     position: NDArray[np.float64],
     velocity: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    speed: NDArray[np.float64],
     heading: NDArray[np.float64],
     reactive: NDArray[np.bool_],
-    radius: float,
     half_view: float,
     robot_pose: NDArray[np.float64],
-    robot_velocity: NDArray[np.float64],
     robot_active: NDArray[np.bool_],
-    robot_radius: float,
-    responsibility: float,
-    obstacles: NDArray[np.float64],
-    walls: NDArray[np.float64],
-    step: float,
-    out: NDArray[np.float64],
-) -> None:
+) -> NDArray[np.bool_]:
+    """Turn the heading of those who walk, and say who sees which robot, (P, R)."""
     count, robots = len(position), len(robot_pose)
-    preferred = np.empty((count, 2))
     seen = np.zeros((count, robots), dtype=np.bool_)
-    robot_position = robot_pose[:, :2].copy()
-    moving = np.empty((robots, 2))
-    for r in range(robots):
-        moving[r, 0] = robot_velocity[r, 0] * np.cos(robot_pose[r, 2])
-        moving[r, 1] = robot_velocity[r, 0] * np.sin(robot_pose[r, 2])
     for p in range(count):
-        dx, dy = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
-        distance = np.hypot(dx, dy)
-        # Never overshoot, so that whoever stops on arrival stands still.
-        pace = min(speed[p], distance / step)
-        preferred[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
-        preferred[p, 1] = pace * dy / distance if distance > 0.0 else 0.0
         if np.hypot(velocity[p, 0], velocity[p, 1]) > 0.05:
             heading[p] = np.arctan2(velocity[p, 1], velocity[p, 0])
         for r in range(robots):
@@ -236,16 +240,4 @@ def _walk(
             )
             off = (bearing - heading[p] + np.pi) % (2 * np.pi) - np.pi
             seen[p, r] = abs(off) <= half_view
-    if model == 0:
-        for p in range(count):
-            out[p, 0], out[p, 1] = preferred[p, 0], preferred[p, 1]
-    elif model == 1:
-        orca_velocities(
-            position, velocity, preferred, speed, radius, seen, robot_position, moving,
-            robot_radius, responsibility, obstacles, walls, step, out,
-        )  # fmt: skip
-    else:
-        social_force_velocities(
-            position, velocity, preferred, speed, radius, seen, robot_position, moving,
-            robot_radius, responsibility, obstacles, walls, step, out,
-        )  # fmt: skip
+    return seen

@@ -1,8 +1,8 @@
 """Pictures of a scene, drawn from ``CrowdEnv.state()`` alone.
 
 Colours are those of Okabe and Ito (2008), told apart with every common form of colour blindness;
-whatever a colour says is said by a shape too: people who see a robot are filled discs, people who
-do not are rings.
+whatever a colour says is said by a shape too: reactive pedestrians are filled discs, non-reactive
+ones are rings.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 BLACK, GREY = (0, 0, 0), (110, 110, 110)
 GRID, OBSTACLE = (234, 234, 232), (135, 135, 135)
-REACTIVE, UNREACTIVE = (0, 114, 178), (213, 94, 0)  # blue, vermilion
+REACTIVE, NONREACTIVE = (0, 114, 178), (213, 94, 0)  # blue, vermilion
 ROBOTS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233))  # green, pink, orange, sky
 
 PEDESTRIAN_TRAIL = 4.0
@@ -144,7 +144,7 @@ class Renderer:
     ) -> int:
         """Write one entry so that it ends at ``end``; return where the one before it may end."""
         x = end[0] - self._text(picture, text, end, 15, GREY, 1.0) - 14
-        color = REACTIVE if filled else UNREACTIVE
+        color = REACTIVE if filled else NONREACTIVE
         draw = self._pygame.draw
         draw.aacircle(picture, color, (x, end[1]), 7)
         if not filled:
@@ -201,7 +201,7 @@ class _Trails:
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
             for (start, end), reactive in zip(pieces, state["pedestrian_reactive"], strict=True):
-                color = REACTIVE if reactive else UNREACTIVE
+                color = REACTIVE if reactive else NONREACTIVE
                 brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
             for index, end in enumerate(self._robots[step]):
@@ -275,7 +275,7 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
         state["pedestrian_reactive"],
         strict=True,
     ):
-        color = _mix(WHITE, REACTIVE if reactive else UNREACTIVE, 0.3)
+        color = _mix(WHITE, REACTIVE if reactive else NONREACTIVE, 0.3)
         gap = np.hypot(*(goal - position))
         for start in np.arange(0.0, gap, 0.3):
             ends = [min(start, gap) / max(gap, 1e-9), min(start + 0.06, gap) / max(gap, 1e-9)]
@@ -292,7 +292,7 @@ def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]], radius: f
         state["pedestrian_reactive"],
         strict=True,
     ):
-        color = REACTIVE if reactive else UNREACTIVE
+        color = REACTIVE if reactive else NONREACTIVE
         brush.disc(position, radius, color)
         if not reactive:
             brush.disc(position, 0.62 * radius, WHITE)

@@ -32,7 +32,8 @@ def collision_term(weights: Reward, collided: bool, nearest: float) -> float:
 
 @compiled()
 def social_term(
-    pose: NDArray[np.float64],
+    position: NDArray[np.float64],
+    direction: NDArray[np.float64],
     speed: float,
     top_speed: float,
     pedestrian_position: NDArray[np.float64],
@@ -49,18 +50,19 @@ def social_term(
     strongest interaction counts.
 
     Args:
-        pose: (3,) robot x, y [m], heading [rad].
-        speed: robot's forward speed [m/s].
+        position: (2,) of the robot [m].
+        direction: (2,) unit vector along which it travels.
+        speed: along this, negative backwards [m/s].
         top_speed: the speed at which not yielding is judged [m/s].
         pedestrian_position, pedestrian_velocity: (P, 2) [m], [m/s].
         radius: r_s [m].
         horizon: [s].
     """
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    cosine, sine = direction[0], direction[1]
     cut, yielded = 0.0, 0.0
     for p in range(len(pedestrian_position)):
         walk = np.hypot(pedestrian_velocity[p, 0], pedestrian_velocity[p, 1])
-        x, y = pose[0] - pedestrian_position[p, 0], pose[1] - pedestrian_position[p, 1]
+        x, y = position[0] - pedestrian_position[p, 0], position[1] - pedestrian_position[p, 1]
         reach = (walk + top_speed) * horizon + radius
         if walk < WALKING or x * x + y * y > reach * reach:
             continue

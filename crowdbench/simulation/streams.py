@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE = range(5)
+_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE, _WALKING = range(6)
 
 
 def layout(seed: int) -> np.random.Generator:
@@ -24,6 +24,11 @@ def lidar(seed: int, robot: int) -> np.random.Generator:
 def pedestrian(seed: int, index: int) -> np.random.Generator:
     """Stream of one pedestrian: speed, goals and changes of mind."""
     return _stream(seed, _PEDESTRIAN, index)
+
+
+def walking(seed: int) -> np.random.Generator:
+    """Stream of the walking model, where it draws anything."""
+    return _stream(seed, _WALKING)
 
 
 def next_episode(seed: int) -> np.random.Generator:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from pymunk import batch
 
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import Contact, ContactKind
+from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.pedestrians import Pedestrians
 
@@ -28,11 +28,15 @@ class World:
     Attributes:
         time: since the episode began [s].
         pose: (R, 3) robots' x, y [m], heading [rad].
-        velocity: (R, 2) robots' v [m/s], w [rad/s].
+        velocity: (R, 2) what the robots' drive is doing, e.g. v [m/s], w [rad/s].
+        direction: (R, 2) unit vectors along which the robots travel, in the world.
+        speed: (R,) along these, negative backwards [m/s].
+        world_velocity: (R, 2) direction times speed [m/s].
         active: (R,) robots still in the scene.
         goals: (R, 2) [m].
         contacts: what each robot has touched, by robot.
-        pedestrians: the people.
+        pedestrians: everybody who walks.
+        drive: how the robots move.
         layout: where everything began.
     """
 
@@ -40,14 +44,18 @@ class World:
         """Place everything.
 
         Raises:
-            ScenarioError: the scenario has no room for what it asks for.
+            ScenarioError: the scenario has no room for what it asks for, or its drive or walking
+                model cannot be used.
         """
         self._scenario = scenario
         self.layout: Layout = place(scenario, seed)
         layout = self.layout
         self.time = 0.0
         self.pose = layout.robot_pose.copy()
+        self.drive = make_drive(scenario)
         self.velocity = np.zeros((len(self.pose), 2))
+        self.direction, self.speed = np.zeros((len(self.pose), 2)), np.zeros(len(self.pose))
+        self._travel()
         self.active = np.ones(len(self.pose), dtype=np.bool_)
         self.goals = layout.robot_goal
         self.contacts: dict[int, Contact] = {}
@@ -59,6 +67,7 @@ class World:
             layout.obstacles,
             layout.walls,
         )
+        self.pedestrians.begin(self)
         self._build()
 
     def step(
@@ -71,13 +80,13 @@ class World:
         Pedestrians all decide from the same snapshot; then robots and pedestrians move together.
 
         Args:
-            commands: (R, 2) v [m/s], w [rad/s] within the robots' limits; rows of robots that
-                have left the scene are ignored.
+            commands: (R, 2) actions within the drive's bounds; rows of robots that have left the
+                scene are ignored.
             walking: velocities (2,) [m/s] of pedestrians that are steered from outside.
         """
         people, period = self.pedestrians, self._scenario.control_period
         people.advance_legs(self.time)
-        people.walk(self.pose, self.velocity, self.active, self._walking)
+        self._walking = people.walk(self, self.time)
         for p, wanted in (walking or {}).items():
             self._walking[p] = wanted
         self._drive(commands)
@@ -136,7 +145,7 @@ class World:
         self._touchable[shape] = (kind, index)
 
     def _map_rows(self) -> None:
-        """Find which row of a batch belongs to whom, and size the input buffer."""
+        """Find the row of each body in a batch, and size the input buffer."""
         buffer = batch.Buffer()
         batch.get_space_bodies(self._space, batch.BodyFields.BODY_ID, buffer)
         ids = np.frombuffer(buffer.int_buf(), dtype=np.uintp).tolist()
@@ -154,29 +163,28 @@ class World:
         batch.set_space_bodies(self._space, batch.BodyFields.VELOCITY, self._input)
 
     def _drive(self, commands: NDArray[np.float64]) -> None:
-        """Take the commands, within the acceleration limits where there are any."""
-        limits = self._scenario.robots.acceleration
-        if limits is not None:
-            reach = np.array(limits) * self._scenario.control_period
-            commands = np.clip(commands, self.velocity - reach, self.velocity + reach)
-        self.velocity = np.where(self.active[:, None], commands, 0.0)
+        """Take the commands, as far as the drive follows them."""
+        doing = self.drive.limit(commands, self.velocity, self._scenario.control_period)
+        self.velocity = np.where(self.active[:, None], doing, 0.0)
         velocities = self.velocity.tolist()
         self._driving = [(r, velocities[r]) for r, _ in self._robot_rows]
-        for r, (_, w) in self._driving:
-            self._bodies[r].angular_velocity = w
+        for r, velocity in self._driving:
+            self._bodies[r].angular_velocity = self.drive.turn_rate(velocity)
 
     def _move_robots(self, duration: float) -> None:
-        """Set body velocities so that one physics step follows the arc of (v, w) exactly.
+        """Set body velocities so that one physics step goes where the drive says."""
+        for r, velocity in self._driving:
+            x, y, heading = self.drive.advance(float(self.pose[r, 2]), velocity, duration)
+            self._bodies[r].velocity = x, y
+            self.pose[r, 2] = heading
 
-        The chord of an arc of angle w t has the length v t sin(w t / 2) / (w t / 2) and lies half
-        the angle off the heading.
-        """
-        for r, (v, w) in self._driving:
-            half_turn = w * duration / 2
-            chord = v * math.sin(half_turn) / half_turn if half_turn else v
-            middle = float(self.pose[r, 2]) + half_turn
-            self._bodies[r].velocity = chord * math.cos(middle), chord * math.sin(middle)
-            self.pose[r, 2] = middle + half_turn
+    def _travel(self) -> None:
+        """Derive where the robots are going; nothing else derives it again."""
+        self.world_velocity = np.empty_like(self.velocity)
+        for r, velocity in enumerate(self.velocity.tolist()):
+            x, y, speed = self.drive.travel(float(self.pose[r, 2]), velocity)
+            self.direction[r, 0], self.direction[r, 1], self.speed[r] = x, y, speed
+            self.world_velocity[r, 0], self.world_velocity[r, 1] = speed * x, speed * y
 
     def _read(self) -> None:
         self._output.clear()
@@ -187,6 +195,7 @@ class World:
         self.pedestrians.velocity = mine[:, 2:].copy()
         for r, row in self._robot_rows:
             self.pose[r, :2] = rows[row, :2]
+        self._travel()
 
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: Any) -> None:
         """Record the first thing each robot touches."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.resampling import bootstrap_mean
-from crowdbench.evaluation.results import Cell, slug
+from crowdbench.evaluation.results import Cell
 from crowdbench.evaluation.statistics import Estimate, wilson_interval
 from crowdbench.scenario import Scenario, scenario_names
-from crowdbench.site.replay import find_scenario
 
 _SHOWN_ERRORS = 20
 _PRINTED = {"inference_s": (1000.0, "ms")}
@@ -82,13 +80,6 @@ def family(scenario: Scenario) -> str:
         return "corridor"
     share = scenario.pedestrians.reactive
     return f"open, {'reactive' if share == 1 else 'nonreactive' if share == 0 else 'mixed'}"
-
-
-def find_cell_scenario(cell: Cell, results: Path) -> Scenario | None:
-    """The scenario of stored rows, None if it is not known any more."""
-    return find_scenario(
-        cell.scenario, cell.scenario_digest, results / "episodes" / slug(cell.scenario)
-    )
 
 
 def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:

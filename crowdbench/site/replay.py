@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,102 +19,31 @@ from numpy.typing import NDArray
 
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.events import find_events
+from crowdbench.evaluation.recordings import Recording
 from crowdbench.evaluation.results import slug
-from crowdbench.evaluation.trajectories import Entry, read_episode, trajectory_index
-from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 from crowdbench.simulation.contact import INTENTS
-from crowdbench.simulation.layout import place
 
 LARGEST_FILE = 4_500_000
 """Bytes of one file of replays; the page promises none above 5 MB."""
 
 
-@dataclass(frozen=True)
-class Recording:
-    """The stored episodes of one agent in one scenario.
-
-    Attributes:
-        scenario: label, see ``scenario_label``.
-        digest: of the scenario.
-        agent: with its options.
-        path: trajectory file.
-        entries: what to show of it, each seed and robot once.
-    """
-
-    scenario: str
-    digest: str
-    agent: str
-    path: Path
-    entries: tuple[Entry, ...]
-
-
-def find_recording(path: Path, identity: Sequence[str] | None = None) -> Recording | None:
-    """What a trajectory file holds of one measurement; None if that is nothing.
-
-    Args:
-        path: trajectory file.
-        identity: of the cell; by default that of the file's latest episode.
-
-    Raises:
-        ResultsError: not a trajectory file.
-    """
-    entries = trajectory_index(path)
-    if not entries:
-        return None
-    identity = tuple(entries[-1].identity if identity is None else identity)
-    latest = {(e.seed, e.robot): e for e in entries if e.identity == identity}
-    if not latest:
-        return None
-    scenario, digest, agent = identity[:3]
-    kept = tuple(latest[key] for key in sorted(latest))
-    return Recording(scenario, digest, agent, path, kept)
-
-
-def find_scenario(label: str, digest: str, folder: Path | None) -> Scenario | None:
-    """The scenario that a label and a digest stand for.
-
-    Args:
-        label: name of one of crowdbench's own, or ``name@digest``.
-        digest: what it has to have.
-        folder: where a definition stored beside the rows is, ``scenario.json``.
-
-    Returns:
-        None if it is not known any more, or not as it was.
-    """
-    try:
-        if "@" not in label:
-            found = load_scenario(label)
-        elif folder is not None:
-            text = (folder / "scenario.json").read_text(encoding="utf-8")
-            found = Scenario.model_validate_json(text)
-        else:
-            return None
-    except (ScenarioError, OSError, ValueError):
-        return None
-    return found if found.digest == digest else None
-
-
-def write_replays(
-    recording: Recording, scenario: Scenario | None, output: Path
-) -> tuple[list[str], list[dict[str, Any]]]:
+def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[dict[str, Any]]]:
     """Write the files of one recording.
 
     Args:
         recording: what to write.
-        scenario: its definition, to say who sees the robot; None if it is not known any more.
         output: folder of the page.
 
     Returns:
         The files, relative to ``output``, and for each episode what lists say of it and the
         number of the file that holds it (None if it is too long for any).
     """
-    name = f"data/replays/{slug(recording.scenario)}/{slug(recording.agent)}"
+    name = f"data/replays/{slug(recording.cell.scenario)}/{slug(recording.cell.agent)}"
     files: list[str] = []
     waiting: list[str] = []
     listed = []
-    for entry in recording.entries:
-        episode = read_episode(recording.path, entry)
-        document = encode(episode, _who_sees(scenario, episode))
+    for episode in (one for seed in recording.seeds for one in recording.episodes(seed)):
+        document = encode(episode, episode.pedestrian_reactive)
         text = script_json(document)
         size = sum(map(len, waiting))
         if waiting and size + len(text) > LARGEST_FILE:
@@ -129,12 +58,12 @@ def write_replays(
     return files, listed
 
 
-def encode(episode: Episode, reactive: NDArray[np.bool_] | None) -> dict[str, Any]:
+def encode(episode: Episode, reactive: NDArray[np.bool_]) -> dict[str, Any]:
     """An episode as the viewer reads it.
 
     Args:
         episode: the log.
-        reactive: (P,) who sees the robot; None if that is not known.
+        reactive: (P,) who sees the robot.
     """
     return {
         "seed": episode.seed,
@@ -149,7 +78,7 @@ def encode(episode: Episode, reactive: NDArray[np.bool_] | None) -> dict[str, An
         "walls": _numbers(episode.walls),
         "obstacles": _numbers(episode.obstacles),
         "radius": episode.pedestrian_radius,
-        "reactive": None if reactive is None else [bool(value) for value in reactive],
+        "reactive": [bool(value) for value in reactive],
         "pose": _packed(episode.robot_pose),
         "actions": _packed(episode.actions),
         "others": _packed(episode.other_robots),
@@ -199,15 +128,6 @@ def _line(document: dict[str, Any], file: int | None) -> dict[str, Any]:
         "close": kinds.count("ttc"),
         "file": file,
     }
-
-
-def _who_sees(scenario: Scenario | None, episode: Episode) -> NDArray[np.bool_] | None:
-    """(P,) from the scenario and the seed, as the log has it not; None unless these fit the log."""
-    if scenario is None:
-        return None
-    layout = place(scenario, episode.seed)
-    same = np.array_equal(layout.pedestrian_position, episode.pedestrian_position[0])
-    return layout.pedestrian_reactive if same else None
 
 
 def _packed(values: NDArray[Any]) -> str:

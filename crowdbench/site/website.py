@@ -8,29 +8,27 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from crowdbench.evaluation.appending import ResultsError
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import load_results, slug
-from crowdbench.evaluation.trajectories import TrajectoryStore
+from crowdbench.evaluation.recordings import Recording, find_recordings, scenario_of
+from crowdbench.evaluation.results import ResultsError
+from crowdbench.evaluation.stored import defined_scenario
 from crowdbench.site.cards import agent_card, html_from_markdown
 from crowdbench.site.leaderboard import (
     cell_documents,
-    find_cell_scenario,
     metric_documents,
     scenario_document,
 )
-from crowdbench.site.replay import (
-    Recording,
-    find_recording,
-    find_scenario,
-    script_json,
-    write_replays,
-)
+from crowdbench.site.replay import script_json, write_replays
 
+REPLAYS = 5
+"""Episodes of each agent in each scenario that the page shows; ``crowdbench replay`` shows any."""
 MARK = "crowdbench-report"
 """A file that says that a folder is one of these pages, and may be written over."""
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Site(NamedTuple):
@@ -77,7 +75,7 @@ class SiteFigure(NamedTuple):
 
 
 def write_report_page(
-    results: Path,
+    rows: pd.DataFrame,
     output: Path,
     main_metrics: Collection[str] = tuple(METRICS),
     tables: Sequence[SiteTable] = (),
@@ -86,30 +84,27 @@ def write_report_page(
     """Write the whole page: leaderboards, tables, figures, agents and replays.
 
     Args:
-        results: results folder.
+        rows: the episodes, as ``published_and_local`` gives them.
         output: folder of the page; an older page there is replaced.
         main_metrics: what leaderboards show unless all are asked for.
         tables, figures: to show beside the leaderboards.
 
     Raises:
-        ResultsError: nothing is stored, something cannot be read, or the output is in the way.
+        ResultsError: something cannot be read, or the output is in the way.
     """
-    rows = load_results(results)
-    if rows.empty:
-        raise ResultsError(f"{results}: no episodes are stored here; crowdbench run stores some")
-    trajectories = TrajectoryStore(results)
+    recordings = {found.cell.identity: found for found in find_recordings(rows, REPLAYS)}
     with _Writing(output):
         cells, scenarios = [], {}
         for cell, document in cell_documents(rows):
-            scenario = find_cell_scenario(cell, results)
+            mine = rows[(rows["scenario"] == cell.scenario) & (rows["agent"] == cell.agent)]
+            scenario = scenario_of(cell, mine)
             # Rows of a scenario that is defined otherwise by now are not set beside new ones.
-            old = scenario is None and "@" not in cell.scenario
+            now = defined_scenario(cell.scenario, cell.scenario_digest, definition="")
+            old = now is None and "@" not in cell.scenario
             label = f"{cell.scenario}@{cell.scenario_digest}" if old else cell.scenario
             scenarios[label] = scenario_document(label, scenario)
-            recording = find_recording(trajectories.path(cell), cell.identity)
-            files, replays = (
-                ([], []) if recording is None else write_replays(recording, scenario, output)
-            )
+            recording = recordings.get(cell.identity)
+            files, replays = ([], []) if recording is None else write_replays(recording, output)
             cells.append({**document, "scenario": label, "files": files, "replays": replays})
         _write_index(
             output,
@@ -148,22 +143,22 @@ def write_replay_page(recordings: Iterable[Recording], output: Path) -> Site:
     with _Writing(output):
         cells, scenarios = [], {}
         for recording in recordings:
-            scenario = find_scenario(recording.scenario, recording.digest, _definition(recording))
-            scenarios[recording.scenario] = scenario_document(recording.scenario, scenario)
-            files, replays = write_replays(recording, scenario, output)
+            cell = recording.cell
+            scenarios[cell.scenario] = scenario_document(cell.scenario, recording.scenario)
+            files, replays = write_replays(recording, output)
             cells.append(
                 {
-                    "scenario": recording.scenario,
-                    "agent": recording.agent,
+                    "scenario": cell.scenario,
+                    "agent": cell.agent,
                     "files": files,
                     "replays": replays,
                 }
             )
-        first, entry = recordings[0], recordings[0].entries[0]
+        first = recordings[0]
         _write_index(
             output,
             {
-                "start": replay_link(first.scenario, first.agent, entry.seed, entry.robot),
+                "start": replay_link(first.cell.scenario, first.cell.agent, first.seeds[0]),
                 "metrics": [],
                 "scenarios": list(scenarios.values()),
                 "agents": [],
@@ -172,7 +167,7 @@ def write_replay_page(recordings: Iterable[Recording], output: Path) -> Site:
                 "figures": [],
             },
         )
-    shown = sum(len(recording.entries) for recording in recordings)
+    shown = sum(len(cell["replays"]) for cell in cells)
     return Site(output / "index.html", len(cells), shown, shown)
 
 
@@ -218,11 +213,6 @@ def _write_index(output: Path, index: Mapping[str, Any]) -> None:
     document = {"version": version("crowdbench-nav"), **index}
     text = f"crowdbench.index = {script_json(document)};\n"
     (output / "data" / "index.js").write_text(text, encoding="ascii")
-
-
-def _definition(recording: Recording) -> Path:
-    """Where a results folder has a scenario's definition, seen from the trajectory file."""
-    return recording.path.parents[2] / "episodes" / slug(recording.scenario)
 
 
 def _agents(names: Iterable[str]) -> list[dict[str, str]]:

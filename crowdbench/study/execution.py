@@ -190,11 +190,6 @@ def run_missing(
         on_progress(done, total, forecast)
 
     try:
-        for cell in study.recorded:
-            if cell.agent in outlook.weights:
-                world, agent = load_scenario(cell.scenario), AgentSpec.parse(cell.agent)
-                whole = Task(world, agent, range(cell.episodes))
-                run([whole], folder, jobs=jobs, save_trajectories=True, on_progress=advance)
         run(_tasks(plan, not_again), folder, jobs=jobs, on_progress=advance)
     finally:
         account.write()

@@ -47,9 +47,9 @@ def check_study(study: Study) -> None:
     """
     _check_names(study)
     cells = study.cells()
-    for agent in dict.fromkeys(cell.agent for cell in (*cells, *study.recorded)):
+    for agent in dict.fromkeys(cell.agent for cell in cells):
         _check_agent(AgentSpec.parse(agent).name)
-    for scenario in dict.fromkeys(cell.scenario for cell in (*cells, *study.recorded)):
+    for scenario in dict.fromkeys(cell.scenario for cell in cells):
         load_scenario(scenario)
     for cell in cells:
         if cell.episodes < 1:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.study.claims import check_claims, check_orders
 from crowdbench.study.figures import save_figures
 from crowdbench.study.formats import csv_text, latex, markdown

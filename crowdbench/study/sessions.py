@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 
 LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "torch", "daqp")
 """Whose versions may change what an episode gives."""

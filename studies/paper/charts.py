@@ -19,7 +19,7 @@ from crowdbench_studies.paper.style import STYLES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.scenario import load_scenario
 from crowdbench.study.measurements import Difference, Measurements
 from crowdbench.study.model import Method

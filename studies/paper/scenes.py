@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from crowdbench_studies.paper.plan import STORY
 from matplotlib.axes import Axes
@@ -13,11 +11,11 @@ from matplotlib.patches import Circle, Polygon
 
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import slug
-from crowdbench.evaluation.trajectories import load_episode, trajectory_index
+from crowdbench.evaluation.recordings import find_recordings
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation.canvas import View
 from crowdbench.simulation.env import CrowdEnv
+from crowdbench.study.measurements import Measurements
 from crowdbench.study.style import WIDTH
 
 ROBOT, PERSON, OBSTACLE = "#D55E00", "#0072B2", "0.55"
@@ -42,16 +40,16 @@ def scene() -> Figure:
     return figure
 
 
-def snapshots(folder: Path) -> Figure | None:
+def snapshots(measured: Measurements) -> Figure | None:
     """Figure 6: one run among people at four moments.
 
     Shown is, of the first stored runs of the plan's agent that arrived, the one that came nearest
     to a person; its moments are evenly spread around that encounter.
 
     Args:
-        folder: the results folder.
+        measured: the stored episodes.
     """
-    found = [episode for episode in _stories(folder) if episode.outcome == "success"]
+    found = [episode for episode in _stories(measured) if episode.outcome == "success"]
     if not found:
         return None
     episode = min(found, key=METRICS["min_clearance"].function)
@@ -97,12 +95,17 @@ def _picture(scenario: Scenario, seed: int) -> np.ndarray:
     return picture[top : top + up, left : left + across]
 
 
-def _stories(folder: Path) -> list[Episode]:
-    """The stored runs from which Figure 6 is chosen."""
-    scenario, agent, episodes = STORY
-    path = folder / "trajectories" / slug(scenario) / f"{slug(agent)}.jsonl.gz"
-    stored = {entry.seed for entry in trajectory_index(path)}
-    return [load_episode(path, seed) for seed in sorted(stored & set(range(episodes)))]
+def _stories(measured: Measurements) -> list[Episode]:
+    """The runs from which Figure 6 is chosen, simulated again."""
+    scenario, agent, number = STORY
+    rows = measured.episodes
+    chosen = (rows["scenario"] == scenario) & (rows["agent"] == agent) & (rows["seed"] < number)
+    return [
+        episode
+        for recording in find_recordings(rows[chosen])
+        for seed in recording.seeds
+        for episode in recording.episodes(seed)
+    ]
 
 
 def _moments(episode: Episode) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 
 import crowdbench
 from crowdbench.simulation.lidar import beam_table, cast_rays
@@ -83,3 +84,12 @@ class LidarWorld:
 def world():
     """A small exact world to try LiDAR agents in."""
     return LidarWorld()
+
+
+@pytest.fixture
+def in_empty_folder(tmp_path, monkeypatch):
+    """An empty working folder, and two scenarios to train in."""
+    monkeypatch.chdir(tmp_path)
+    for name in set(TRAINING_SCENARIOS) - {"corridor_sparse", "unimodal_slow"}:
+        monkeypatch.delitem(TRAINING_SCENARIOS, name)
+    return tmp_path

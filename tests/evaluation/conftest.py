@@ -13,6 +13,7 @@ from crowdbench.evaluation.episode import Episode
 def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, **fields):
     """An episode of a 0.4 x 0.3 m robot, 0.2 s per step, pedestrians of radius 0.25 m.
 
+    It has a differential drive, so that its velocity is that of its actions along its heading.
     ``pedestrians`` and ``velocities``: (T + 1, P, 2), or (P, 2) for people who stay as they are.
     """
     pose = np.array(robot_pose, dtype=float).reshape(-1, 3)
@@ -23,6 +24,8 @@ def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, *
         values = np.array(values, dtype=float)
         return np.broadcast_to(values, (states, *values.shape[-2:])).copy()
 
+    speed = np.concatenate([[0.0], actions.reshape(-1, 2)[:, 0]])
+    ahead = np.stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])], axis=1)
     position = crowd(np.zeros((0, 2)) if pedestrians is None else pedestrians)
     people = position.shape[:2]
     values = {
@@ -38,8 +41,11 @@ def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, *
         "obstacles": np.zeros((0, 3)),
         "pedestrian_radius": 0.25,
         "robot_pose": pose,
+        "robot_world_velocity": speed[:, None] * ahead,
+        "robot_speed": speed,
         "actions": actions.reshape(states - 1, 2),
         "other_robots": np.zeros((states, 0, 3)),
+        "pedestrian_reactive": np.ones(people[1], dtype=bool),
         "pedestrian_position": position,
         "pedestrian_velocity": np.zeros_like(position) if velocities is None else crowd(velocities),
         "pedestrian_goal": np.zeros_like(position),
@@ -106,6 +112,7 @@ def _moved(episode, angle=0.0, shift=(0.0, 0.0), mirror=False):
         walls=np.concatenate([points(walls[:, :2]), points(walls[:, 2:])], axis=1),
         obstacles=np.concatenate([points(obstacles[:, :2]), obstacles[:, 2:]], axis=1),
         robot_pose=poses(episode.robot_pose),
+        robot_world_velocity=vectors(episode.robot_world_velocity),
         actions=episode.actions * [1.0, sign],
         other_robots=poses(episode.other_robots),
         pedestrian_position=points(episode.pedestrian_position),

@@ -9,7 +9,7 @@ import pytest
 from crowdbench.agent import Observation, RobotSpec
 from crowdbench.evaluation import human
 from crowdbench.evaluation.results import load_results
-from crowdbench.evaluation.trajectories import load_episode
+from crowdbench.evaluation.stored import find_cells, load_episodes
 from crowdbench.scenario import load_scenario
 
 SCENARIO = load_scenario(
@@ -111,5 +111,6 @@ def test_a_drive_is_stored_like_any_other_episode(press, tmp_path):
     assert human.next_seed(SCENARIO, tmp_path) == 1
     (row,) = load_results(tmp_path).itertuples()
     assert (row.agent, row.seed, row.outcome, row.steps) == ("human", 0, "timeout", 20)
-    stored = load_episode(next(tmp_path.glob("trajectories/*/human.jsonl.gz")), seed=0)
+    (cell,) = find_cells(tmp_path)
+    (stored,) = load_episodes(tmp_path, cell, SCENARIO, seed=0)
     np.testing.assert_array_equal(stored.robot_pose, episode.robot_pose)

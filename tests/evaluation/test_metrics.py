@@ -182,6 +182,15 @@ def test_a_robot_that_turns_on_the_spot_is_stalled(make_episode):
     assert value("stalled_time", episode) == pytest.approx(0.4)
 
 
+def test_a_robot_that_slips_sideways_is_not_stalled(make_episode):
+    velocity = np.array([[0.0, 0.0], [0.0, 0.5], [0.0, 0.3], [0.0, 0.5]])
+    episode = make_episode(
+        np.zeros((4, 3)), velocity[1:], robot_world_velocity=velocity, robot_speed=velocity[:, 1]
+    )
+    assert value("stalled_time", episode) == 0.0
+    assert value("jerk", episode) == pytest.approx(0.4 / 0.2**2)
+
+
 def test_jerk_is_the_second_difference_of_the_velocity(make_episode):
     episode = make_episode(np.zeros((4, 3)), [[0, 0], [1, 0], [0, 0]])
     assert value("jerk", episode) == pytest.approx(2.0 / 0.2**2)

@@ -16,6 +16,8 @@ NOT_SIMULATED = {"inference_s", "diagnostics"}
 class Swerves(Agent):
     """Asks for more than there is, and fails at a step if told so."""
 
+    drives = ("differential", "omnidirectional")
+
     def __init__(self, fails_at=None):
         self.fails_at = fails_at
 
@@ -43,6 +45,7 @@ def assert_same(a, b):
         {"robots.acceleration": [1.0, 3.0]},
         {"robots.count": 3, "pedestrians.model": "social_force"},
         {"lidar.noise": 0.05, "pedestrians.reactive": 0.5},
+        {"robots.drive": "omnidirectional"},
     ],
 )
 def test_everything_that_is_simulated_comes_out_the_same(changes):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import crowdbench
-from crowdbench.evaluation.rollout import lost_episode, run_episode, warm_up
+from crowdbench.evaluation.rollout import run_episode, warm_up
 from crowdbench.simulation import streams
 
 TINY = crowdbench.load_scenario(
@@ -54,6 +54,10 @@ class Fails(Drives):
     def act(self, observation):
         action = super().act(observation)
         return self.how() if len(self.observations) == self.at + 1 else action
+
+
+class DrivesSideways(Drives):
+    drives = ("omnidirectional",)
 
 
 def raise_error():
@@ -135,7 +139,10 @@ def test_only_a_privileged_agent_sees_the_state():
         (exit_program, "SystemExit: 3 ("),
         (lambda: (float("nan"), 0.0), "act returned [nan, 0.0], expected finite numbers"),
         (lambda: (0.0, float("inf")), "act returned [0.0, inf], expected finite numbers"),
-        (lambda: (0.0, 0.0, 0.0), "act returned shape (3,), expected (2,): v [m/s], w [rad/s]"),
+        (
+            lambda: (0.0, 0.0, 0.0),
+            "act returned shape (3,), expected (2,), e.g. v [m/s], w [rad/s]",
+        ),
         (lambda: 1.0, "act returned shape (), expected (2,)"),
         (lambda: ("fast", "left"), "ValueError: could not convert string to float"),
         (lambda: None, "TypeError"),
@@ -254,10 +261,44 @@ def test_warming_up_leaves_no_trace_and_hides_no_failure():
     warm_up(env, [Fails(exit_program, at=0)], env.reset(seed=9)[0])
 
 
-def test_a_lost_episode_says_what_happened_and_where_it_began():
-    env = crowdbench.parallel_env(TINY)
-    (lost,) = lost_episode(env, 3, "planner", "its process ended")
-    (whole,) = run_episode(env, [Drives()], seed=3)
-    assert (lost.outcome, lost.error, lost.agent) == ("agent_error", "its process ended", "planner")
-    assert lost.steps == 0
-    np.testing.assert_array_equal(lost.robot_pose[0], whole.robot_pose[0])
+def test_an_agent_that_hands_over_one_array_again_and_again_is_logged_as_it_drove():
+    class Reuses(Drives):
+        command = np.zeros(2)
+
+        def act(self, observation):
+            self.command += 0.01
+            return self.command
+
+    (episode,) = run_episode(TINY, [Reuses()], seed=0)
+    steps = np.arange(1, episode.steps + 1)[:, None]
+    np.testing.assert_allclose(episode.commands, np.repeat(0.01 * steps, 2, axis=1))
+
+
+def test_an_episode_says_where_the_robot_goes_whatever_its_drive():
+    """Against its positions: an omnidirectional robot moves straight within a control period."""
+    world = TINY.override({"robots.drive": "omnidirectional", "pedestrians.reactive": 0.5})
+    (episode,) = run_episode(world, [DrivesSideways((0.1, -0.4))], seed=3)
+    assert episode.steps > 3
+    moved = np.diff(episode.robot_pose[:, :2], axis=0) / 0.2
+    np.testing.assert_allclose(episode.robot_world_velocity[1:], moved, atol=1e-9)
+    np.testing.assert_allclose(episode.robot_speed[1:], np.hypot(0.1, 0.4))
+    np.testing.assert_array_equal(episode.robot_world_velocity[0], [0.0, 0.0])
+    np.testing.assert_array_equal(episode.actions, np.tile([0.1, -0.4], (episode.steps, 1)))
+    env = crowdbench.parallel_env(world)
+    env.reset(seed=3)
+    reactive = env.state()["pedestrian_reactive"]
+    assert reactive.sum() == 1
+    np.testing.assert_array_equal(episode.pedestrian_reactive, reactive)
+
+
+def test_an_agent_is_not_let_near_robots_that_drive_otherwise():
+    agent = Drives()
+    with pytest.raises(crowdbench.AgentError) as caught:
+        run_episode(TINY.override({"robots.drive": "omnidirectional"}), [agent], seed=0)
+    assert str(caught.value) == (
+        "agent 'Drives' drives differential robots only, and those of scenario "
+        "'multimodal_fast' are omnidirectional (robots.drive)"
+    )
+    assert not hasattr(agent, "robot")
+    with pytest.raises(crowdbench.AgentError, match="drives omnidirectional robots only"):
+        run_episode(TINY, [DrivesSideways()], seed=0)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import json
+import platform
 import random
 import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -14,10 +16,10 @@ from crowdbench import AgentSpec, ScenarioError, load_scenario
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.metrics import METRICS, metrics
 from crowdbench.evaluation.pool import Limits
-from crowdbench.evaluation.results import ResultsError, load_results
+from crowdbench.evaluation.results import ResultsError, load_commands, load_results
 from crowdbench.evaluation.rollout import run_episode
-from crowdbench.evaluation.runner import Task, machine_name, run
-from crowdbench.evaluation.trajectories import TrajectoryStore, load_episode
+from crowdbench.evaluation.runner import Task, UnfaithfulError, machine_name, run
+from crowdbench.evaluation.stored import load_episodes
 
 TINY = load_scenario(
     "multimodal_fast",
@@ -115,7 +117,7 @@ def test_a_second_run_does_only_what_is_missing(tmp_path, planner):
     run([Task(pair, planner(), range(4))], tmp_path, jobs=1, on_progress=seen.append)
     counts = [(item.total, item.stored, item.done) for item in seen]
     assert counts == [(4, 2, 0), (4, 2, 1), (4, 2, 2)]
-    assert [[row["seed"] for row in item.rows] for item in seen] == [[], ["1", "1"], ["3", "3"]]
+    assert [[row["seed"] for row in item.rows] for item in seen] == [[], [1, 1], [3, 3]]
     rows = load_results(tmp_path)
     expected = [(seed, f"robot_{r}") for seed in range(4) for r in range(2)]
     assert list(zip(rows["seed"], rows["robot"], strict=True)) == expected
@@ -190,19 +192,73 @@ def test_a_folder_that_cannot_be_written_to_is_refused_before_anything_runs(tmp_
         run([Task(TINY, planner(), [0])], tmp_path / "results", jobs=1)
 
 
-def test_stored_trajectories_give_the_stored_rows(tmp_path, planner):
-    run([Task(TINY, planner("raises"), range(1))], tmp_path, jobs=1)
+def test_stored_commands_give_the_stored_rows(tmp_path, planner):
     tasks = [Task(TINY, planner("raises"), range(3))]
-    (cell,) = run(tasks, tmp_path, jobs=1, save_trajectories=True)
+    (cell,) = run(tasks, tmp_path, jobs=1)
     rows = load_results(tmp_path)
-    assert list(rows["seed"]) == [0, 1, 2], "0 ran again for its trajectory, and is stored once"
-    path = TrajectoryStore(tmp_path).path(cell)
+    assert list(rows["seed"]) == [0, 1, 2]
     for _, stored in rows.iterrows():
-        episode = load_episode(path, stored["seed"])
+        (episode,) = load_episodes(tmp_path, cell, TINY, stored["seed"])
         assert (episode.outcome, episode.error or "") == (stored["outcome"], stored["error"])
-        compared = METRICS if stored["seed"] else MEASURED  # the time differs from run to run
+        assert episode.commands.tolist() == [[0.5, 0.1]] * stored["steps"]
         values = metrics(episode)
-        assert [repr(values[name]) for name in compared] == [repr(stored[n]) for n in compared]
+        assert [repr(values[name]) for name in MEASURED] == [repr(stored[n]) for n in MEASURED]
+        assert values["inference_s"] == pytest.approx(stored["inference_s"], rel=1e-6)
+
+
+def test_a_row_names_what_its_episode_depends_on(tmp_path, planner):
+    run([Task(TINY, planner(), [0])], tmp_path, jobs=1)
+    (row,) = load_results(tmp_path).to_dict("records")
+    assert (row["version"], row["architecture"]) == (version("crowdbench-nav"), platform.machine())
+    for library in ("pymunk", "numpy", "torch"):
+        assert row[library] == version(library)
+
+
+CHEATS = """
+import crowdbench.evaluation.driven as driven
+import crowdbench.evaluation.metrics as measured
+import crowdbench.evaluation.rollout as rollout
+of = driven.Driven.of
+
+def claim(episode):
+    import dataclasses
+    told = of(episode)
+    if episode.seed % 2 == 0:
+        changes = {CHANGES}
+        told = dataclasses.replace(told, **changes)
+    return told
+
+driven.Driven.of = staticmethod(claim)
+measured.spl = measured.success = lambda episode: 1.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ('{"outcome": "success"}', "said to end with success, but robot_0 ends with timeout"),
+        ('{"commands": told.commands[:-2], "inference_s": told.inference_s[:-2]}', "goes on"),
+        ('{"commands": told.commands * float("nan")}', "not two finite numbers"),
+        ('{"inference_s": told.inference_s - 1}', "times are not one for each step"),
+        ('{"robot": "robot_7"}', "robot_7"),
+    ],
+)
+def test_what_an_agents_process_makes_up_is_not_stored_and_the_rest_is(
+    tmp_path, planner, changes, told
+):
+    spec = planner()
+    path = Path(spec.name.partition(":")[0])
+    path.write_text(PLANNER + CHEATS.replace("{CHANGES}", changes))
+    with pytest.raises(UnfaithfulError) as caught:
+        run([Task(TINY, spec, range(4))], tmp_path, jobs=1)
+    assert len(caught.value.episodes) == 2
+    for seed, line in zip((0, 2), caught.value.episodes, strict=True):
+        assert str(spec) in line and "tiny@" in line and f"seed {seed}" in line and told in line
+    rows = load_results(tmp_path)
+    assert list(rows["seed"]) == [1, 3]
+    assert set(rows["success"]) == {0.0}, "metrics are computed outside the agent's process"
+    (cell,) = caught.value.cells
+    assert load_commands(tmp_path, cell, 0) is None
 
 
 EPISODES = 80

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from crowdbench.scenario import Scenario
-from crowdbench.simulation.rendering import REACTIVE, ROBOTS, UNREACTIVE, Renderer
+from crowdbench.simulation.rendering import NONREACTIVE, REACTIVE, ROBOTS, Renderer
 
 OPEN = Scenario(name="open", arena={"length": 10, "width": 10})
 CORRIDOR = Scenario(name="hall", arena={"kind": "corridor", "length": 12, "width": 4})
@@ -87,7 +87,7 @@ def test_people_who_see_the_robot_are_discs_and_others_rings(position):
     assert near(pixel(seeing, *position), REACTIVE)
     assert near(pixel(seeing, *rim), REACTIVE)
     assert near(pixel(blind, *position), WHITE)
-    assert near(pixel(blind, *rim), UNREACTIVE)
+    assert near(pixel(blind, *rim), NONREACTIVE)
 
 
 def test_a_walking_person_has_a_tick_ahead_and_a_standing_one_none():

@@ -13,7 +13,8 @@ WEIGHTS = Reward()
 
 def social(pose, speed, position, velocity):
     return social_term(
-        np.array(pose, float),
+        np.array(pose[:2], float),
+        np.array([np.cos(pose[2]), np.sin(pose[2])]),
         speed,
         1.0,
         np.array(position, float).reshape(-1, 2),

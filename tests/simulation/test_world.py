@@ -144,7 +144,7 @@ def test_unimodal_legs_are_kept_until_arrival():
 
 
 def test_multimodal_legs_are_interrupted_at_their_time_for_the_announced_goal():
-    scenario = CROWD.override({"pedestrians.switch_probability": 1.0, "robots.travel": 50.0})
+    scenario = CROWD.override({"pedestrians.switch_probability": 1.0, "robots.travel": 13.4})
     world, kinds = World(scenario, 7), []
     for _ in range(150):
         people = world.pedestrians

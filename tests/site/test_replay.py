@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import dataclasses
 import json
+import sqlite3
 
 import numpy as np
 import pytest
 
-from crowdbench.evaluation.trajectories import read_episode
+from crowdbench.evaluation.database import FILE, ResultsError
+from crowdbench.evaluation.joined import local_rows
+from crowdbench.evaluation.recordings import find_recordings
+from crowdbench.evaluation.stored import defined_scenario
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.site import replay
 from crowdbench.site.replay import (
     encode,
-    find_recording,
-    find_scenario,
     script_json,
     write_replays,
 )
@@ -36,6 +39,15 @@ def read(path):
     return name, episodes
 
 
+def recording_of(whole):
+    """What can be seen of the one cell that is there."""
+    found = find_recordings(local_rows(whole.folder))
+    return found[0] if found else None
+
+
+NOBODY = np.empty(0, dtype=bool)
+
+
 @pytest.fixture(scope="module")
 def episode():
     from crowdbench.evaluation.rollout import run_episode
@@ -44,7 +56,7 @@ def episode():
 
 
 def test_positions_are_the_logs(episode):
-    stored = encode(episode, None)
+    stored = encode(episode, NOBODY)
     states, people = episode.pedestrian_position.shape[:2]
     for name, array in (
         ("pose", episode.robot_pose),
@@ -60,7 +72,7 @@ def test_positions_are_the_logs(episode):
 
 
 def test_goals_and_legs_are_the_logs_at_every_state(episode):
-    stored = encode(episode, None)
+    stored = encode(episode, NOBODY)
     for person, (goals, legs) in enumerate(zip(stored["goals"], stored["legs"], strict=True)):
         for state in range(episode.steps + 1):
             goal = [row for row in goals if row[0] <= state][-1][1:]
@@ -74,7 +86,7 @@ def test_goals_and_legs_are_the_logs_at_every_state(episode):
 def test_numbers_that_json_lacks_become_null(episode):
     switch = np.full_like(episode.pedestrian_switch_time, np.inf)
     document = json.loads(script_json(encode(dataclasses.replace(
-        episode, pedestrian_switch_time=switch), None)))  # fmt: skip
+        episode, pedestrian_switch_time=switch), NOBODY)))  # fmt: skip
     assert document["legs"][0][0][2] is None
 
 
@@ -84,29 +96,37 @@ def test_who_sees_the_robot_is_drawn_again_as_it_was(whole, tmp_path, share):
     whole.run(world, "straight_line", 900001)
     env = CrowdEnv(world)
     env.reset(seed=900001)
-    recording = find_recording(next(whole.folder.glob("trajectories/*/*.gz")))
-    (file,), _ = write_replays(recording, world, tmp_path)
+    recording = recording_of(whole)
+    (file,), _ = write_replays(recording, tmp_path)
     (stored,) = read(tmp_path / file)[1]
     assert stored["reactive"] == env.state()["pedestrian_reactive"].tolist()
 
 
-def test_who_sees_the_robot_is_left_open_where_it_is_not_known(whole, tmp_path):
+def test_of_a_scenario_that_is_not_known_any_more_nothing_can_be_seen(whole):
+    world = SCENARIO.override({"time_limit": 1.0})
+    whole.run(world, "straight_line", 900001)
+    with contextlib.closing(sqlite3.connect(whole.folder / FILE)) as database, database:
+        database.execute("UPDATE cells SET definition = ?", (SCENARIO.model_dump_json(),))
+    assert recording_of(whole) is None
+
+
+def test_commands_of_another_episode_are_told_from_those_of_this_one(whole, tmp_path):
     whole.run(SCENARIO.override({"time_limit": 1.0}), "straight_line", 900001)
-    recording = find_recording(next(whole.folder.glob("trajectories/*/*.gz")))
-    other = SCENARIO.override({"pedestrians.count": 3})
-    for scenario in (None, other):
-        (file,), _ = write_replays(recording, scenario, tmp_path)
-        assert read(tmp_path / file)[1][0]["reactive"] is None
+    with contextlib.closing(sqlite3.connect(whole.folder / FILE)) as database, database:
+        database.execute("UPDATE episodes SET outcome = 'success'")
+    told = "straight_line, seed 900001, robot_0: said to end with success"
+    with pytest.raises(ResultsError, match=told):
+        write_replays(recording_of(whole), tmp_path)
 
 
 def test_files_stay_below_the_limit_and_lists_say_where_episodes_are(whole, tmp_path, monkeypatch):
     world = SCENARIO.override({"time_limit": 1.0})
     for seed in range(900000, 900006):
         whole.run(world, "straight_line", seed)
-    recording = find_recording(next(whole.folder.glob("trajectories/*/*.gz")))
-    size = len(script_json(encode(next(iter(whole.episodes.values())), None)))
+    recording = recording_of(whole)
+    size = len(script_json(encode(next(iter(whole.episodes.values())), np.ones(8, dtype=bool))))
     monkeypatch.setattr(replay, "LARGEST_FILE", int(2.5 * size))
-    files, listed = write_replays(recording, world, tmp_path)
+    files, listed = write_replays(recording, tmp_path)
     assert len(files) == 3 and len(set(files)) == 3
     assert all((tmp_path / file).stat().st_size < 3 * size for file in files)
     for line in listed:
@@ -117,23 +137,24 @@ def test_files_stay_below_the_limit_and_lists_say_where_episodes_are(whole, tmp_
 
 def test_an_episode_too_long_for_a_file_is_listed_without_one(whole, tmp_path, monkeypatch):
     whole.run(SCENARIO.override({"time_limit": 1.0}), "straight_line", 900000)
-    recording = find_recording(next(whole.folder.glob("trajectories/*/*.gz")))
+    recording = recording_of(whole)
     monkeypatch.setattr(replay, "LARGEST_FILE", 100)
-    files, (line,) = write_replays(recording, None, tmp_path)
+    files, (line,) = write_replays(recording, tmp_path)
     assert (files, line["file"]) == ([], None)
 
 
 def test_of_an_episode_that_was_run_again_the_latest_counts(whole):
     world = SCENARIO.override({"time_limit": 1.0})
-    for weights in ("old", "new"):
-        whole.run(world, "straight_line", 900000, weights=weights, error=weights)
-    path = next(whole.folder.glob("trajectories/*/*.gz"))
-    (entry,) = find_recording(path).entries
-    assert read_episode(path, entry).error == "new"
-    identity = list(entry.identity)
-    (older,) = find_recording(path, ["old" if part == "new" else part for part in identity]).entries
-    assert read_episode(path, older).error == "old"
-    assert find_recording(path, ["another", "identity"]) is None
+    for agent, weights in (("straight_line", "old"), ("orca", "new")):
+        whole.run(world, agent, 900000, label="planner", weights=weights)
+        drives = whole.episodes[f"multimodal_fast@{world.digest}", "planner", 900000, "robot_0"]
+        recording = recording_of(whole)
+        assert recording.cell.weights_sha256 == weights
+        (seen,) = recording.episodes(900000)
+        np.testing.assert_array_equal(seen.robot_pose, drives.robot_pose)
+        if weights == "old":
+            older = recording
+    assert not np.array_equal(older.episodes(900000)[0].robot_pose, drives.robot_pose)
 
 
 @pytest.mark.parametrize(
@@ -146,14 +167,13 @@ def test_text_in_a_script_is_harmless_and_comes_back(text):
     assert json.loads(written) == {"name": text}
 
 
-def test_a_scenario_is_found_only_as_it_was(tmp_path):
+def test_a_scenario_is_found_only_as_it_was():
     plain, changed = load_scenario("multimodal_fast"), SCENARIO
-    assert find_scenario("multimodal_fast", plain.digest, None) == plain
-    assert find_scenario("multimodal_fast", changed.digest, None) is None
-    assert find_scenario("no_such", plain.digest, None) is None
+    assert defined_scenario("multimodal_fast", plain.digest, "") == plain
+    assert defined_scenario("multimodal_fast", changed.digest, "") is None
+    assert defined_scenario("no_such", plain.digest, "") is None
     label = f"multimodal_fast@{changed.digest}"
-    assert find_scenario(label, changed.digest, tmp_path) is None
-    (tmp_path / "scenario.json").write_text(changed.model_dump_json())
-    assert find_scenario(label, changed.digest, tmp_path) == changed
-    (tmp_path / "scenario.json").write_text("{}")
-    assert find_scenario(label, changed.digest, tmp_path) is None
+    assert defined_scenario(label, changed.digest, "") is None
+    assert defined_scenario(label, changed.digest, changed.model_dump_json()) == changed
+    assert defined_scenario(label, changed.digest, plain.model_dump_json()) is None
+    assert defined_scenario(label, changed.digest, "{}") is None

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import contextlib
 import itertools
+import shutil
+import sqlite3
 
 import matplotlib as mpl
 import numpy as np
@@ -13,11 +16,9 @@ from crowdbench_studies.paper.style import STYLES
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from crowdbench.agent import AgentSpec
-from crowdbench.evaluation.appending import ResultsError
-from crowdbench.evaluation.results import Cell
+from crowdbench.evaluation.database import FILE, ResultsError
+from crowdbench.evaluation.driven import packed
 from crowdbench.evaluation.rollout import run_episode
-from crowdbench.evaluation.trajectories import TrajectoryStore, encode_episode
 from crowdbench.scenario import load_scenario
 from crowdbench.study.figures import save_figures
 from crowdbench.study.measurements import Measurements
@@ -30,22 +31,24 @@ NAMES = [drawing.name for drawing in DRAWINGS]
 def folder(many, tmp_path_factory):
     """Everything that figures are made of: episodes, whole runs and training curves."""
     target = tmp_path_factory.mktemp("figures")
-    (target / "episodes").symlink_to(many.folder / "episodes")
+    shutil.copytree(many.folder, target, dirs_exist_ok=True)
     (target / "training").mkdir()
     for number, agent in enumerate(("sac", "tdmpc", "latent_planner")):
         steps = np.linspace(0, 1.3e6, 40)
         rows = [f"{s:.0f},{s / (60 + number):.1f},{1 - np.exp(-s / 4e5):.4f},x" for s in steps]
         text = "\n".join(["steps,seconds,success,more", *rows, ""])
         (target / "training" / f"{agent}.csv").write_text(text)
-    scenario, agent, _ = STORY
-    world = load_scenario(scenario)
-    cell = Cell(scenario, world.digest, agent, "{}", "0.1.0", "", "")
-    store, seed = TrajectoryStore(target), 0
-    while not TrajectoryStore(target).stored(cell):
-        (episode,) = run_episode(world, AgentSpec.parse("straight_line"), seed, label=agent)
-        if episode.outcome == "success":
-            store.append(cell, [encode_episode(cell, episode)])
-        seed += 1
+    scenario, agent, seeds = STORY
+    runs = (run_episode(scenario, "straight_line", seed)[0] for seed in range(seeds))
+    episode = next(run for run in runs if run.outcome == "success")
+    with contextlib.closing(sqlite3.connect(target / FILE)) as database, database:
+        query = """
+            UPDATE episodes SET steps = ?, outcome = 'success' WHERE seed = ? AND cell =
+            (SELECT id FROM cells WHERE scenario = ? AND agent = ?) RETURNING id"""
+        facts = (episode.steps, episode.seed, scenario, agent)
+        (number,) = database.execute(query, facts).fetchone()
+        actions = (number, *packed(episode.commands, episode.inference_s))
+        database.execute("INSERT INTO actions VALUES (?, ?, ?)", actions)
     return target
 
 

@@ -7,7 +7,6 @@ from crowdbench_studies.paper import STUDY
 from stored_episodes import Episodes
 
 from crowdbench.evaluation.results import load_results
-from crowdbench.evaluation.trajectories import trajectory_index
 from crowdbench.study import execution
 from crowdbench.study.execution import OVERHEAD, Forecast, Outlook, look, run_missing
 from crowdbench.study.model import Cell, Study
@@ -89,7 +88,6 @@ def test_agents_that_cannot_be_made_are_named_and_left_out():
 
 def test_what_is_missing_is_run_once(tmp_path):
     """A plan of two cells, one of which is half there; run twice."""
-    recorded = [Cell("unimodal_slow", "straight_line", 1), Cell("unimodal_slow", "nobody", 1)]
     plan = [
         Cell("unimodal_slow", "straight_line", 2),
         Cell("corridor_sparse", "straight_line", 1),
@@ -100,7 +98,7 @@ def test_what_is_missing_is_run_once(tmp_path):
     def progress(done, total, forecast):
         told.append((done, total))
 
-    first = Study("mine", "Mine", (), more=tuple(plan[:1]), recorded=tuple(recorded))
+    first = Study("mine", "Mine", (), more=tuple(plan[:1]))
     run_missing(tmp_path, first, outlook, 1, progress)
     assert told[-1] == (2, 2)
     told.clear()
@@ -112,8 +110,6 @@ def test_what_is_missing_is_run_once(tmp_path):
     rows = load_results(tmp_path)
     assert Counter(rows["scenario"]) == {"unimodal_slow": 2, "corridor_sparse": 1}
     assert sum(session.episodes for session in load_sessions(tmp_path, "mine")) == 3
-    kept = trajectory_index(tmp_path / "trajectories/unimodal_slow/straight_line.jsonl.gz")
-    assert [entry.seed for entry in kept] == [0]
 
 
 def test_what_is_published_is_not_run_again(tmp_path):

@@ -10,7 +10,7 @@ from crowdbench_studies.paper import STUDY
 from crowdbench_studies.paper.plan import TABLES
 
 from crowdbench.cli import main
-from crowdbench.evaluation.appending import ResultsError
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.study import output
 from crowdbench.study.claims import check_claims, check_orders
 from crowdbench.study.measurements import Measurements

@@ -20,7 +20,7 @@
     const cells = crowdbench.watchable();
     page.append(element("h1", { class: "quiet" }, "Replay"));
     if (!cells.length) {
-      page.append(element("p", {}, "No whole episodes are stored; crowdbench run --save-trajectories keeps them."));
+      page.append(element("p", {}, "No commands of episodes are stored; crowdbench run keeps them."));
       return undefined;
     }
     const wanted = chosen(cells, parameters);

@@ -9,8 +9,9 @@ import urllib.parse
 import numpy as np
 import pytest
 
-from crowdbench.agent import lidar_angles
+from crowdbench.agent import Agent, lidar_angles
 from crowdbench.evaluation.events import find_events
+from crowdbench.evaluation.joined import local_rows
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
 from crowdbench.site.website import replay_link, write_report_page
@@ -296,24 +297,33 @@ def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
         assert np.count_nonzero(apart > 1e-3) <= 1
 
 
+class Fails(Agent):
+    """Goes one step, says something and gives up."""
+
+    def __init__(self, message):
+        self.message = message
+
+    def reset(self, robot, seed):
+        self.gone = False
+
+    def act(self, observation):
+        if self.gone:
+            raise RuntimeError(self.message)
+        self.gone = True
+        return 0.5, 0.0
+
+
 def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
     short = load_scenario("multimodal_fast", time_limit=0.4)
     for number, text in enumerate(HOSTILE):
-        whole.run(
-            short,
-            "straight_line",
-            900000,
-            label=text,
-            outcome="agent_error",
-            error=f"{text}{number}",
-        )
+        whole.run(short, [Fails(f"{text}{number}")], 900000, label=text)
         whole.run(short, "straight_line", 900000, name=text)
-    site = write_report_page(whole.folder, tmp_path / "site").page.as_uri()
+    site = write_report_page(local_rows(whole.folder), tmp_path / "site").page.as_uri()
     page.goto(site)
     shown = page.locator("tbody th").all_text_contents()
     headings = page.locator("h2").all_text_contents()
     assert set(HOSTILE) <= set(shown)
-    assert {f"{text}@{short.digest} unknown" for text in HOSTILE} <= set(headings)
+    assert {f"{text}@{short.digest} open, reactive" for text in HOSTILE} <= set(headings)
     for text in HOSTILE:
         page.goto(f"{site}#/agent?{urllib.parse.urlencode({'name': text})}")
         until(page, "text => document.querySelector('h1').textContent === text", text)
@@ -331,7 +341,7 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
 def test_a_missing_file_is_reported(browser, stored, tmp_path):
     """Somebody copied the page without its data; the browser's own complaint is expected here."""
     output = tmp_path / "site"
-    write_report_page(stored.folder, output)
+    write_report_page(local_rows(stored.folder), output)
     shutil.rmtree(output / "data" / "replays")
     tab = browser.new_page()
     tab.goto((output / "index.html").as_uri() + replay_link(CORRIDOR, "orca", 900000))

@@ -1,0 +1,1 @@
+"""What the agents with learned networks share, from scans to checkpoints."""

@@ -1,0 +1,167 @@
+"""Perception of the learned agents: scans and odometry become a stacked obstacle map.
+
+The last eight LiDAR scans are moved into the current robot frame with the odometry (translation
+and rotation) and drawn into one small grid per scan: what stands still falls into the same cell in
+every frame, what moves leaves a trail (paper, section III.A). The frames are stored as the bits
+of one byte per cell, so a map takes 2.3 kB.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
+
+FRAMES = 8
+"""Scans in a map, one bit each; bit 0 is the current scan, bit k the one k steps ago."""
+
+_HIT_MARGIN = 1e-3  # a beam that returns the full range hit nothing [m]
+
+
+@dataclass(frozen=True)
+class MapGeometry:
+    """Where the map lies in the robot frame (x ahead, y left).
+
+    Attributes:
+        cells: cells along each side; cell (i, j) is the i-th from behind, the j-th from the right.
+        size: side length [m].
+        ahead: distance from the robot to the front edge [m]; left and right are symmetric.
+    """
+
+    cells: int = 48
+    size: float = 6.0
+    ahead: float = 4.0
+
+    @property
+    def cell(self) -> float:
+        """Side length of a cell [m]."""
+        return self.size / self.cells
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Rear right corner of the map in the robot frame [m]."""
+        return self.ahead - self.size, -self.size / 2
+
+
+class ObstacleMaps:
+    """The obstacle maps of N robots with equal LiDARs, one history each.
+
+    Args:
+        robots: N.
+        lidar_angles: (beams,) direction of each beam from the heading [rad].
+        lidar_range: distance reported by a beam that hits nothing [m].
+        geometry: where the map lies.
+    """
+
+    def __init__(
+        self,
+        robots: int,
+        lidar_angles: NDArray[np.floating],
+        lidar_range: float,
+        geometry: MapGeometry | None = None,
+    ) -> None:
+        self.geometry = geometry or MapGeometry()
+        self._range = float(lidar_range)
+        self._cos = np.cos(lidar_angles).astype(np.float64)
+        self._sin = np.sin(lidar_angles).astype(np.float64)
+        self._points = np.zeros((robots, FRAMES, len(lidar_angles), 2), np.float64)
+        self._hits = np.zeros((robots, FRAMES), np.int64)
+        self._head = np.zeros(robots, np.int64)
+
+    def reset(self, robot: int) -> None:
+        """Forget the scans of one robot; frames not yet seen are empty."""
+        self._hits[robot] = 0
+        self._head[robot] = 0
+
+    def update(
+        self,
+        lidar: NDArray[np.floating],
+        pose: NDArray[np.floating],
+        robots: NDArray[np.integer] | None = None,
+    ) -> NDArray[np.uint8]:
+        """Add one scan of each robot and draw the maps.
+
+        Args:
+            lidar: (M, beams) distances [m].
+            pose: (M, 3) odometry x, y [m], heading [rad].
+            robots: (M,) which robots these are; None means all of them.
+
+        Returns:
+            (M, cells, cells) bit k of a cell: something was there in the scan k steps ago.
+        """
+        cells = self.geometry.cells
+        which = np.arange(len(self._head)) if robots is None else np.asarray(robots, np.int64)
+        maps = np.zeros((len(which), cells, cells), np.uint8)
+        x0, y0 = self.geometry.origin
+        _update_all(
+            maps, which, self._points, self._hits, self._head, np.asarray(lidar, np.float32),
+            np.asarray(pose, np.float32), self._cos, self._sin, self._range - _HIT_MARGIN,
+            x0, y0, 1.0 / self.geometry.cell,
+        )  # fmt: skip
+        return maps
+
+
+class ObstacleMap:
+    """The obstacle map of one robot; see ObstacleMaps."""
+
+    def __init__(
+        self,
+        lidar_angles: NDArray[np.floating],
+        lidar_range: float,
+        geometry: MapGeometry | None = None,
+    ) -> None:
+        self._maps = ObstacleMaps(1, lidar_angles, lidar_range, geometry)
+
+    @property
+    def geometry(self) -> MapGeometry:
+        """Where the map lies in the robot frame."""
+        return self._maps.geometry
+
+    def reset(self) -> None:
+        """Forget all scans."""
+        self._maps.reset(0)
+
+    def update(self, lidar: NDArray[np.floating], pose: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """Add a scan (beams,) [m] taken at ``pose`` (3,) and return the (cells, cells) map."""
+        return self._maps.update(lidar[None], pose[None])[0]
+
+
+def reflect(maps: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Swap left and right of maps (..., cells, cells)."""
+    return np.ascontiguousarray(maps[..., ::-1])
+
+
+@compiled(fastmath=True)
+def _update_all(
+    maps, which, points, hits, head, lidar, pose, cos, sin, reach, x0, y0, inverse_cell
+):  # pragma: no cover
+    for row in range(len(which)):
+        robot = which[row]
+        # The scan becomes points in the odometry frame, so moving the robot moves no point.
+        head[robot] = (head[robot] + 1) % FRAMES
+        newest = head[robot]
+        x, y, heading = pose[row, 0], pose[row, 1], pose[row, 2]
+        c, s = math.cos(heading), math.sin(heading)
+        count = 0
+        for beam in range(lidar.shape[1]):
+            distance = lidar[row, beam]
+            if distance < reach:
+                dx, dy = distance * cos[beam], distance * sin[beam]
+                points[robot, newest, count, 0] = x + c * dx - s * dy
+                points[robot, newest, count, 1] = y + s * dx + c * dy
+                count += 1
+        hits[robot, newest] = count
+        for age in range(FRAMES):
+            frame = (newest - age) % FRAMES
+            bit = np.uint8(1 << age)
+            for k in range(hits[robot, frame]):
+                dx = points[robot, frame, k, 0] - x
+                dy = points[robot, frame, k, 1] - y
+                i = math.floor((c * dx + s * dy - x0) * inverse_cell)
+                j = math.floor((c * dy - s * dx - y0) * inverse_cell)
+                if 0 <= i < maps.shape[1] and 0 <= j < maps.shape[2]:
+                    maps[row, i, j] |= bit

@@ -1,0 +1,252 @@
+"""Replay: what happened, as rows of an observation and the action taken in it.
+
+Rows are kept in lanes, one per environment, in the order of time. An episode of T steps takes
+T + 1 rows; the last holds the final observation and no action and is marked ``final``. Maps stay
+bit-packed, 2.3 kB per row. With a folder the arrays are files, so the replay survives the process.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from crowdbench_agents.learning.batch import Batch
+from crowdbench_agents.learning.detour import FREE, Detour
+from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.vector_env import Outcomes, Sensed
+from numpy.typing import NDArray
+from torch import Tensor
+
+NOBODY, PLANNER, EXPERT = 0, 1, 2
+"""Whose a reference action is."""
+
+
+class Rows(NamedTuple):
+    """One row of each of N lanes; see Batch.
+
+    ``reward`` is without the social term ``social``; ``source`` says whose the reference is.
+    """
+
+    map: NDArray[np.uint8]
+    velocity: NDArray[np.float32]
+    goal: NDArray[np.float32]
+    action: NDArray[np.float32]
+    reward: NDArray[np.float32]
+    social: NDArray[np.float32]
+    end: NDArray[np.bool_]
+    collision: NDArray[np.bool_]
+    final: NDArray[np.bool_]
+    reference: NDArray[np.float32]
+    source: NDArray[np.uint8]
+
+
+class ReplayError(RuntimeError):
+    """A replay that cannot be made or used; the message says why."""
+
+
+class Replay:
+    """Lanes of rows in a ring.
+
+    Args:
+        lanes: environments.
+        rows: rows per lane; the oldest are overwritten.
+        cells: cells along each side of the maps.
+        social: whether sampled rewards include the social term.
+        detour: whose price is taken off sampled rewards.
+        folder: where the arrays live; None keeps them in memory. Existing ones are continued.
+    """
+
+    def __init__(
+        self,
+        lanes: int,
+        rows: int,
+        cells: int,
+        social: bool = True,
+        detour: Detour = FREE,
+        folder: Path | None = None,
+    ) -> None:
+        self._social, self._detour = social, detour
+        self.lanes, self.rows = lanes, rows
+        shapes = {
+            "map": ((cells, cells), np.uint8), "velocity": ((2,), np.float32),
+            "goal": ((2,), np.float32), "action": ((2,), np.float32), "reward": ((), np.float32),
+            "social": ((), np.float32),
+            "end": ((), np.bool_), "collision": ((), np.bool_), "final": ((), np.bool_),
+            "reference": ((2,), np.float32), "source": ((), np.uint8),
+        }  # fmt: skip
+        self._data = Rows(
+            **{
+                name: _array(folder, name, (lanes, rows, *shape), dtype)
+                for name, (shape, dtype) in shapes.items()
+            }
+        )
+        self._written = _array(folder, "written", (lanes,), np.int64)
+
+    def __len__(self) -> int:
+        """Rows kept."""
+        return int(self.lengths().sum())
+
+    def lengths(self) -> NDArray[np.int64]:
+        """(lanes,) rows kept per lane."""
+        return np.minimum(self._written, self.rows)
+
+    def append(self, lanes: NDArray[np.integer], rows: Rows) -> None:
+        """Add one row to each of the given lanes (N,)."""
+        at = self._written[lanes] % self.rows
+        for kept, new in zip(self._data, rows, strict=True):
+            kept[lanes, at] = new
+        self._written[lanes] += 1
+
+    def append_step(
+        self,
+        before: Sensed,
+        action: NDArray[np.float32],
+        result: Outcomes,
+        reference: NDArray[np.float32],
+        source: NDArray[np.uint8],
+        after: Sensed,
+    ) -> None:
+        """Add one step of all lanes, and the final observation of each episode that it ended.
+
+        Args:
+            before, after: observations of all lanes.
+            action: (lanes, 2) executed, in [-1, 1].
+            result: what it did.
+            reference, source: as in ``Rows``.
+        """
+        everywhere = np.arange(self.lanes)
+        collision, final = result.outcome == "collision", np.zeros(self.lanes, bool)
+        step = (action, result.reward, result.social, result.end, collision, final)
+        self.append(everywhere, Rows(*before, *step, reference, source))
+        over = np.flatnonzero(result.over)
+        self.append(over, final_rows(*(x[over] for x in after)))
+
+    def mark_episode_ends(self) -> None:
+        """Mark the newest row of each lane as final: what follows is another episode."""
+        begun = np.flatnonzero(self._written)
+        self._data.final[begun, (self._written[begun] - 1) % self.rows] = True
+
+    def sample(
+        self,
+        count: int,
+        horizon: int,
+        rng: np.random.Generator,
+        collision_share: float = 0.0,
+        reflect: bool = False,
+    ) -> Batch:
+        """Draw sequences of ``horizon`` steps.
+
+        Args:
+            count: sequences.
+            horizon: H.
+            rng: of all draws.
+            collision_share: share of the sequences that end in a collision within H steps.
+            reflect: mirror each sequence with probability one half.
+
+        Raises:
+            ReplayError: fewer rows than one sequence needs.
+        """
+        starts = np.maximum(self.lengths() - horizon, 0)
+        if starts.sum() == 0:
+            raise ReplayError(f"no lane has the {horizon + 1} rows that a sequence needs")
+        bounds = np.cumsum(starts)
+        oldest = np.where(self._written > self.rows, self._written, 0)
+        lane, row = np.empty(0, np.int64), np.empty(0, np.int64)
+        while len(lane) < count:
+            chosen = rng.integers(bounds[-1], size=2 * count)
+            lanes = np.searchsorted(bounds, chosen, side="right")
+            rows = (oldest[lanes] + chosen - (bounds - starts)[lanes]) % self.rows
+            acted = ~self._data.final[lanes, rows]  # a final row has no action
+            lane, row = np.append(lane, lanes[acted]), np.append(row, rows[acted])
+        lane, row = lane[:count], row[:count]
+        special = round(collision_share * count)
+        if special:
+            lanes, ends = np.nonzero(self._data.collision)
+            if len(lanes):
+                pick = rng.integers(len(lanes), size=special)
+                lane[:special] = lanes[pick]
+                row[:special] = ends[pick] - rng.integers(horizon, size=special)
+                self._keep_to_written(lane[:special], row[:special], horizon)
+        return self._gather(lane, row, horizon, reflect * (rng.random(count) < 0.5))
+
+    def _keep_to_written(self, lane: NDArray[Any], row: NDArray[Any], horizon: int) -> None:
+        """Move starts (in place) so that no sequence crosses the ring's seam."""
+        written = self._written[lane]
+        oldest = np.where(written > self.rows, written, 0)
+        kept = np.minimum(written, self.rows)
+        offset = np.clip((row - oldest) % self.rows, 0, kept - horizon - 1)
+        row[:] = (oldest + offset) % self.rows
+
+    def _gather(
+        self, lane: NDArray[Any], row: NDArray[Any], horizon: int, mirrored: NDArray[Any]
+    ) -> Batch:
+        data = self._data
+        steps = (row + np.arange(horizon + 1)[:, None]) % self.rows
+        actions = steps[:-1]
+        # Behind a final row nothing counts.
+        valid = ~np.logical_or.accumulate(data.final[lane, actions], axis=0)
+        maps = data.map[lane, steps]
+        flip = np.flatnonzero(mirrored)
+        maps[:, flip] = maps[:, flip, :, ::-1]
+        sign = np.ones((len(lane), 2), np.float32)
+        sign[flip, 1] = -1
+
+        reward = data.reward[lane, actions]
+        if self._social:
+            reward = reward + data.social[lane, actions]
+        velocity, goal = data.velocity[lane, steps] * sign, data.goal[lane, steps] * sign
+        reward = reward - self._detour.price(velocity, goal)
+
+        def tensor(array: NDArray[Any]) -> Tensor:
+            return torch.from_numpy(np.ascontiguousarray(array))
+
+        def numbers(array: NDArray[Any]) -> Tensor:
+            return tensor(array.astype(np.float32))
+
+        return Batch(
+            inputs=Inputs(
+                tensor(maps),
+                tensor(velocity),
+                tensor(goal),
+            ),
+            action=tensor(data.action[lane, actions] * sign),
+            reward=tensor(reward),
+            end=numbers(data.end[lane, actions]),
+            collision=numbers(data.collision[lane, actions]),
+            valid=numbers(valid),
+            reference=tensor(data.reference[lane, actions] * sign),
+            planned=numbers((data.source[lane, actions] == PLANNER) & valid),
+            labelled=numbers((data.source[lane, actions] == EXPERT) & valid),
+        )
+
+
+def final_rows(maps: np.ndarray, velocity: np.ndarray, goal: np.ndarray) -> Rows:
+    """The last rows of N episodes: observations only."""
+    n = len(maps)
+    no, zero, blank = np.zeros(n, bool), np.zeros(n, np.float32), np.zeros((n, 2), np.float32)
+    nobody = np.full(n, NOBODY, np.uint8)
+    return Rows(maps, velocity, goal, blank, zero, zero, no, no, ~no, blank, nobody)
+
+
+def _array(folder: Path | None, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    if folder is None:
+        return np.zeros(shape, dtype)
+    path = folder / f"{name}.npy"
+    if path.is_file():
+        array = np.load(path, mmap_mode="r+")
+        if array.shape != shape or array.dtype != dtype:
+            raise ReplayError(f"{path}: has shape {array.shape}, this run needs {shape}")
+        return array
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        array = np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape)
+        # Reserve the space now: a full disk must be an error here, not a crash hours later.
+        with path.open("r+b") as file:
+            os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise ReplayError(f"{path}: no room for the replay ({error.strerror})") from error
+    return array

@@ -1,0 +1,138 @@
+"""Validation while training: the policy's success on seeds that nothing else uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from crowdbench_agents.learning.perception import MapGeometry
+from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
+from crowdbench_agents.learning.seeds import VALIDATION
+from crowdbench_agents.learning.vector_env import Sensed, VectorEnv
+from numpy.typing import NDArray
+
+from crowdbench.evaluation.metrics import path_efficiency, shortest_way
+
+ENVIRONMENTS = 64
+
+
+class PolicyInput(NamedTuple):
+    """What N robots decide on.
+
+    Attributes:
+        sensed: their observations.
+        velocity: (N, 2) their (v, w) in [-1, 1].
+        place: (N,) number of each one's environment, in which episodes follow each other.
+        steps: (N,) taken so far in the episode.
+    """
+
+    sensed: Sensed
+    velocity: NDArray[np.float32]
+    place: NDArray[np.int64]
+    steps: NDArray[np.int64]
+
+
+Act = Callable[[PolicyInput], NDArray[np.float32]]
+"""Actions (N, 2) in [-1, 1] of N robots."""
+
+
+class Validation(NamedTuple):
+    """How often an agent arrives.
+
+    Attributes:
+        success: share of successes by scenario.
+        spl: mean success weighted by path length, by scenario (crowdbench.evaluation.metrics).
+        smoothness: mean squared change of (v [m/s], w [rad/s]) over all steps.
+        seconds: mean time of the successful episodes [s].
+    """
+
+    success: dict[str, float]
+    spl: dict[str, float]
+    smoothness: float
+    seconds: float
+
+    @property
+    def mean(self) -> float:
+        """Mean success over scenarios."""
+        return float(np.mean(list(self.success.values())))
+
+    @property
+    def mean_spl(self) -> float:
+        """Mean SPL over scenarios."""
+        return float(np.mean(list(self.spl.values())))
+
+
+def validate(
+    act: Act,
+    geometry: MapGeometry,
+    episodes: int,
+    scenarios: Sequence[str] | None = None,
+    first_seed: int = VALIDATION[0],
+) -> Validation:
+    """Run some validation seeds of each scenario.
+
+    Args:
+        act: the agent, for many environments at once.
+        geometry: of the obstacle maps.
+        episodes: per scenario.
+        scenarios: those of training by default.
+        first_seed: the others follow it.
+    """
+    names = scenarios or list(TRAINING_SCENARIOS)
+    wanted = ((name, first_seed + number) for number in range(episodes) for name in names)
+    envs = VectorEnv(min(ENVIRONMENTS, len(names) * episodes), wanted, geometry)
+    shortest, driven = np.zeros((2, envs.count))
+
+    def begin(which: NDArray[np.integer]) -> NDArray[np.integer]:
+        begun = envs.begin(which)
+        for index in begun:
+            shortest[index], driven[index] = _shortest_way(envs, index), 0.0
+        return begun
+
+    running = begin(np.arange(envs.count))
+    success = {name: [] for name in names}
+    efficiency = {name: [] for name in names}
+    changes, seconds = [], []
+    steps = np.zeros(envs.count, np.int64)
+    while len(running):
+        sensed = Sensed(*(x[running] for x in envs.sensed))
+        velocity = envs.bounds.normalised(sensed.velocity).astype(np.float32)
+        action = envs.bounds.physical(act(PolicyInput(sensed, velocity, running, steps[running])))
+        moving = steps[running] > 0
+        changes.append(np.square(action - sensed.velocity).sum(axis=-1)[moving])
+        before = _positions(envs, running)
+        result = envs.step(running, action)
+        driven[running] += np.linalg.norm(_positions(envs, running) - before, axis=-1)
+        steps[running] += 1
+        over = running[result.over]
+        for index, outcome in zip(over, result.outcome[result.over], strict=True):
+            arrived, name = outcome == "success", envs.scenario[index]
+            success[name].append(arrived)
+            efficiency[name].append(arrived and path_efficiency(shortest[index], driven[index]))
+            if arrived:
+                seconds.append(steps[index] * envs.robot.control_period)
+            steps[index] = 0
+        begun = begin(over)
+        running = np.sort(np.concatenate([running[~result.over], begun]))
+    return Validation(
+        {name: float(np.mean(values)) for name, values in success.items()},
+        {name: float(np.nanmean(values)) for name, values in efficiency.items()},
+        float(np.concatenate(changes).mean()),
+        float(np.mean(seconds)) if seconds else float("nan"),
+    )
+
+
+def _shortest_way(envs: VectorEnv, index: int) -> float:
+    environment, robot = envs.environments[index], envs.robot
+    assert environment is not None
+    state = environment.state()
+    return shortest_way(
+        state["robot_pose"][0, :2], state["robot_goal"][0], state["walls"], state["obstacles"],
+        (robot.length, robot.width), robot.goal_tolerance,
+    )  # fmt: skip
+
+
+def _positions(envs: VectorEnv, which: NDArray[np.integer]) -> NDArray[np.float32]:
+    """(M, 2) by odometry [m]."""
+    return np.stack([envs.raw[index]["pose"][:2] for index in which])

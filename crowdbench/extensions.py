@@ -1,0 +1,35 @@
+"""The extension points that a scenario names, known before any of the simulation is imported.
+
+Reading a scenario must stay cheap, so that built-in objects are named here by where they are and
+load when an environment is made. ``docs/add_a_drive.md`` and ``docs/add_a_walking_model.md`` show
+how a package adds its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from crowdbench.registry import Registry
+
+DRIVES: Registry[type[Any]] = Registry(
+    "drive",
+    "crowdbench.drives",
+    {
+        "differential": "crowdbench.simulation.kinematics:Differential",
+        "omnidirectional": "crowdbench.simulation.kinematics:Omnidirectional",
+    },
+    of=type,
+)
+"""Subclasses of ``Drive`` by the name that ``robots.drive`` gives."""
+
+WALKING_MODELS: Registry[type[Any]] = Registry(
+    "walking model",
+    "crowdbench.walking_models",
+    {
+        "orca": "crowdbench.simulation.walking:Orca",
+        "social_force": "crowdbench.simulation.walking:SocialForce",
+        "straight": "crowdbench.simulation.walking:Straight",
+    },
+    of=type,
+)
+"""Subclasses of ``WalkingModel`` by the name that ``pedestrians.model`` gives."""

@@ -1,0 +1,149 @@
+"""Parts of error messages: a value cut short, the nearest name, what is allowed in words."""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+import types
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+MAX_LENGTH = 100
+"""Of a value in a message [characters]."""
+MAX_PROBLEMS = 5
+"""That one message names; of the rest it gives the number."""
+
+_OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+_SYMBOLS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a field takes, in words, where its type alone does not say it; goes into Annotated."""
+
+    words: str
+
+
+class _Short(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 2, MAX_LENGTH - 20, MAX_LENGTH - 20
+
+    def repr_int(self, x: int, level: int) -> str:
+        # Python refuses to write numbers of more than 4,300 digits, and long ones take long.
+        return repr(x) if x.bit_length() < 200 else f"a number of {x.bit_length()} bits"
+
+
+def short(value: object) -> str:
+    """A value as Python writes it, in one line of at most 100 characters, however large it is."""
+    text = " ".join(_Short().repr(value).split())
+    return text if len(text) <= MAX_LENGTH else f"{text[: MAX_LENGTH - 3]}..."
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """Say what may have been meant: ``"; did you mean 'x'?"`` or the list of known words."""
+    close = difflib.get_close_matches(word[:MAX_LENGTH], known, n=1, cutoff=0.6)
+    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+
+
+def allowed(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
+    """What a type takes, in words: ``a whole number >= 1 and <= 32``.
+
+    Args:
+        annotation: a type hint, ``Annotated`` or not.
+        metadata: limits and a ``Form`` that belong to it, as pydantic keeps them.
+    """
+    annotation, metadata = _unwrapped(annotation, metadata)
+    options = get_args(annotation)
+    if get_origin(annotation) in (Union, types.UnionType):
+        kinds = [allowed(o, metadata) for o in options if o is not types.NoneType]
+        return " or ".join(kinds + ["null"] * (types.NoneType in options))
+    if get_origin(annotation) is Literal:
+        *others, last = map(repr, options)
+        return f"{', '.join(others)} or {last}" if others else last
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return "a section of `key: value` lines"
+    words = next((item.words for item in metadata if isinstance(item, Form)), None)
+    if get_origin(annotation) is tuple:
+        each = _limits(_unwrapped(options[0], ())[1])
+        return f"{words or 'two numbers'}{f', each {each}' if each else ''}"
+    kinds_of_value = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+    return f"{words or kinds_of_value.get(annotation, 'a value')} {_limits(metadata)}".strip()
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """Pydantic's complaints as sentences with the dotted field and what it takes, in one line."""
+    items = error.errors(include_url=False)
+    sentences = [_sentence(item, model) for item in items[:MAX_PROBLEMS]]
+    more = len(items) - len(sentences)
+    return "; ".join(sentences) + (f"; and {more} more" if more > 0 else "")
+
+
+def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
+    places = list(_walk(item["loc"], model))
+    field = ".".join(part for part in item["loc"] if isinstance(part, str))
+    field = field if len(field) <= MAX_LENGTH else f"{field[: MAX_LENGTH - 3]}..."
+    value = short(item["input"])
+    if item["type"] == "extra_forbidden":
+        section, _ = places[-1]
+        word = str(item["loc"][-1])
+        return f"unknown key {short(field)}{nearest(word, list(section.model_fields))}"
+    if item["type"] == "invalid_key":
+        section = f"{'.'.join(map(str, item['loc'][:-1]))}: " if item["loc"][:-1] else ""
+        return f"{section}the key {short(item['input'])} is not a name"
+    if item["type"] == "value_error":
+        text = str(item["ctx"]["error"])
+        return f"{field}: {text}" if field else text
+    annotation, metadata = places[-1]
+    if item["type"] in _OUT_OF_RANGE:
+        limits = _limits(_unwrapped(annotation, metadata)[1])
+        return f"{field}: {value} is out of range; allowed: {limits}"
+    if isinstance(item["loc"][-1] if item["loc"] else None, int):
+        annotation, metadata = places[-2]
+    return f"{field or model.__name__}: expected {allowed(annotation, metadata)} (got {value})"
+
+
+def _walk(
+    location: tuple[str | int, ...], model: type[BaseModel]
+) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """Type and metadata of the model, then of every part of a location within it."""
+    annotation: Any = model
+    yield annotation, ()
+    for part in location:
+        if isinstance(part, str) and part in getattr(annotation, "model_fields", {}):
+            field = annotation.model_fields[part]
+            annotation = field.annotation
+            yield annotation, tuple(field.metadata)
+        elif isinstance(part, int):
+            pair = _unwrapped(annotation, ())[0]
+            options = get_args(pair) if get_origin(pair) in (Union, types.UnionType) else (pair,)
+            pairs = [_unwrapped(option, ())[0] for option in options]
+            elements = [get_args(p)[0] for p in pairs if get_origin(p) is tuple]
+            if elements:
+                annotation = elements[0]
+                yield annotation, ()
+
+
+def _unwrapped(annotation: Any, metadata: tuple[Any, ...]) -> tuple[Any, tuple[Any, ...]]:
+    """The type within Annotated, and all metadata, with pydantic's fields taken apart."""
+    if get_origin(annotation) is Annotated:
+        metadata = (*annotation.__metadata__, *metadata)
+        annotation = get_args(annotation)[0]
+    flat: list[Any] = []
+    for item in metadata:
+        flat += item.metadata if isinstance(item, FieldInfo) else [item]
+    return annotation, tuple(flat)
+
+
+def _limits(metadata: tuple[Any, ...]) -> str:
+    """The range that metadata states: ``>= 0 and <= 500``; empty without one."""
+    return " and ".join(
+        f"{symbol} {getattr(limit, key)}"
+        for key, symbol in _SYMBOLS.items()
+        for limit in metadata
+        if hasattr(limit, key)
+    )

@@ -1,0 +1,38 @@
+"""Scenarios: everything a scenario file may say, with units and ranges.
+
+A scenario file is YAML; ``extends: NAME`` starts from another scenario, and any field can be
+overridden (``pedestrians.count=12``) from the command line or from Python. Unknown keys, values out
+of range and worlds in which not everybody fits are refused with an error that names the file, the
+field and what is allowed.
+"""
+
+from crowdbench.messages import nearest
+from crowdbench.scenario.digest import later
+from crowdbench.scenario.errors import NoRoomError, ScenarioError
+from crowdbench.scenario.files import load_scenario, parse_overrides, scenario_names
+from crowdbench.scenario.model import (
+    Arena,
+    Lidar,
+    Obstacles,
+    Pedestrians,
+    Reward,
+    Robots,
+    Scenario,
+)
+
+__all__ = [
+    "Arena",
+    "Lidar",
+    "NoRoomError",
+    "Obstacles",
+    "Pedestrians",
+    "Reward",
+    "Robots",
+    "Scenario",
+    "ScenarioError",
+    "later",
+    "load_scenario",
+    "nearest",
+    "parse_overrides",
+    "scenario_names",
+]

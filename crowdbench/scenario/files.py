@@ -1,0 +1,131 @@
+"""Scenarios by name, from a file, and with fields overridden."""
+
+from __future__ import annotations
+
+import warnings
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from crowdbench.messages import nearest, short
+from crowdbench.scenario.changes import assign, flatten, merge
+from crowdbench.scenario.errors import ScenarioError
+from crowdbench.scenario.model import Scenario, validate
+from crowdbench.strict_yaml import YamlError, load_yaml, read_yaml
+
+_LONGEST_NAME = 200
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios that come with crowdbench, in the order of the paper's tables."""
+    documents = {path.name[:-5]: _read(path) for path in _folder().iterdir() if _is_yaml(path)}
+    listed = [name for name, document in documents.items() if not document.get("abstract")]
+    return sorted(listed, key=lambda name: (documents[name].get("order", 99), name))
+
+
+def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
+    """Load a scenario by name or from a YAML file, with some fields replaced.
+
+    Warns where a robot may pass its goal between two steps.
+
+    Args:
+        name: a built-in scenario, the path of a ``.yaml`` file, or a Scenario.
+        changes: nested sections (``pedestrians={"count": 12}``) or dotted keys.
+
+    Raises:
+        ScenarioError: unknown name (the nearest are listed), unknown key, value out of range, or
+            a world in which not everybody fits.
+    """
+    if isinstance(name, Scenario):
+        scenario = name.override(changes) if changes else name
+    else:
+        document = _resolve(str(name), base=None, seen=())
+        for key, value in flatten(changes).items():
+            assign(document, key, value)
+        scenario = validate(document, source=str(name))
+    _warn_of_passed_goals(scenario)
+    return scenario
+
+
+def parse_overrides(items: list[str]) -> dict[str, Any]:
+    """Read ``["pedestrians.count=12", ...]`` as given on a command line; values are YAML.
+
+    Raises:
+        ScenarioError: an item without ``=`` or whose value is not YAML.
+    """
+    changes: dict[str, Any] = {}
+    for item in items:
+        key, separator, text = item.partition("=")
+        if not separator or not key.strip():
+            raise ScenarioError(
+                f"--set {short(item)}: expected key=value, e.g. pedestrians.count=12"
+            )
+        try:
+            changes[key.strip()] = load_yaml(text)
+        except YamlError as error:
+            raise ScenarioError(f"--set {short(item)}: not a YAML value ({error})") from error
+    return changes
+
+
+def _warn_of_passed_goals(scenario: Scenario) -> None:
+    robots = scenario.robots
+    fastest = max(map(abs, robots.speed))
+    step = fastest * scenario.control_period
+    if step > 2 * robots.goal_tolerance:
+        warnings.warn(
+            f"scenario {scenario.name!r}: a robot may pass its goal unseen, as it drives up to "
+            f"{step:g} m in a control_period of {scenario.control_period:g} s at robots.speed "
+            f"{fastest:g} m/s, more than twice robots.goal_tolerance {robots.goal_tolerance:g} m",
+            stacklevel=3,
+        )
+
+
+def _folder() -> Any:
+    return resources.files("crowdbench_scenarios")
+
+
+def _is_yaml(path: Any) -> bool:
+    return str(path.name).endswith(".yaml")
+
+
+def _read(path: Any) -> dict[str, Any]:
+    try:
+        document = read_yaml(path)
+    except YamlError as error:
+        raise ScenarioError(str(error)) from error
+    if not isinstance(document, dict):
+        raise ScenarioError(f"{path}: expected 'key: value' lines, got {type(document).__name__}")
+    return document
+
+
+def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, Any]:
+    """Read a document with everything it extends merged beneath it."""
+    is_path = name.endswith((".yaml", ".yml"))
+    path: Any = (base / name if base else Path(name)) if is_path else _folder() / f"{name}.yaml"
+    if not _is_file(path):
+        if is_path:
+            raise ScenarioError(f"scenario file {short(str(path))} does not exist")
+        raise ScenarioError(f"unknown scenario {short(name)}{nearest(name, scenario_names())}")
+    place = str(path.resolve() if isinstance(path, Path) else path)
+    if place in seen:
+        raise ScenarioError(f"{path}: extends itself ({' -> '.join((*seen, place))})")
+    document = _read(path)
+    parent = document.pop("extends", None)
+    document.pop("abstract", None)
+    document.pop("order", None)
+    document.setdefault("name", Path(name).stem)
+    if parent is None:
+        return document
+    if not isinstance(parent, str):
+        raise ScenarioError(
+            f"{path}: extends: expected the name of a scenario, got {short(parent)}"
+        )
+    beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
+    return merge(beneath, document)
+
+
+def _is_file(path: Any) -> bool:
+    try:
+        return len(path.name) <= _LONGEST_NAME and path.is_file()
+    except OSError:  # a path that is too long, or through a folder that nobody may enter
+        return False

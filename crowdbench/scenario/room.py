@@ -1,0 +1,62 @@
+"""Whether everybody can fit into a scenario at all, in closed form, before anything runs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from crowdbench.scenario.model import Arena, Robots, Scenario
+
+PASSAGE = 0.9
+"""Least gap between static obstacles, and on one side of each to a wall, for people [m]."""
+PASSING_MARGIN = 0.2
+"""By how much that gap exceeds a robot's width at least [m]."""
+_ROUNDING = 1e-9
+
+
+def robot_radius(robots: Robots) -> float:
+    """Of the circle around the footprint, which a robot sweeps when it turns [m]."""
+    return math.hypot(robots.length, robots.width) / 2
+
+
+def passage(robots: Robots) -> float:
+    """Least gap between static obstacles, and on one side of each to a wall [m]."""
+    return max(PASSAGE, robots.width + PASSING_MARGIN)
+
+
+def longest_travel(arena: Arena, robots: Robots) -> float:
+    """The farthest that start and goal can lie apart, each a robot's radius within the arena [m].
+
+    Along the arena in a corridor, over its diagonal in the open; the arena has to be wide enough.
+    """
+    radius = robot_radius(robots)
+    length, width = arena.length - 2 * radius, arena.width - 2 * radius
+    return length if arena.kind == "corridor" else math.hypot(length, width)
+
+
+def misfit(scenario: Scenario) -> str:
+    """Which field leaves no room, whatever the seed, with its bound; empty where there may be."""
+    arena, robots, people = scenario.arena, scenario.robots, scenario.pedestrians
+    diameter = 2 * robot_radius(robots)
+    needs = [("length", diameter, "for a robot of robots.length x robots.width to turn")]
+    needs += [("width", *needs[0][1:])]
+    if people.count:
+        across = 2 * people.radius
+        needs += [(side, across, "for pedestrians.radius") for side in ("length", "width")]
+    if scenario.obstacles.count:
+        across = 2 * scenario.obstacles.radius[0]
+        beside = passage(robots) if arena.kind == "corridor" else 0.0
+        needs += [("length", across, "for obstacles.radius")]
+        needs += [("width", across + beside, "for obstacles.radius and a way past")]
+    for side, needed, purpose in needs:
+        extent = getattr(arena, side)
+        if extent < needed - _ROUNDING:
+            return f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {needed:g}"
+    longest = longest_travel(arena, robots)
+    if robots.travel > longest + _ROUNDING:
+        return (
+            f"robots.travel: {robots.travel:g} m from start to goal do not fit into "
+            f"{arena.length:g} x {arena.width:g} m; allowed: <= {longest:g}"
+        )
+    return ""

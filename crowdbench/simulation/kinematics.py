@@ -1,0 +1,179 @@
+"""Drives: what an action means, found by the name that ``robots.drive`` gives.
+
+An action is two numbers for every drive. The drive bounds them, moves the robot by them for one
+physics step at a time, and says where and how fast that takes the robot in the world.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.extensions import DRIVES
+from crowdbench.registry import UnknownNameError
+from crowdbench.scenario import Robots, Scenario, ScenarioError
+
+Velocity = tuple[float, float] | list[float]
+"""What a drive is doing: an action within all its limits."""
+
+
+class Drive(ABC):
+    """How the robots of a scenario move; it holds limits and no state.
+
+    Attributes:
+        low, high: (2,) bounds of an action.
+        full_speed: the speed at which not yielding to a pedestrian is judged [m/s].
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    full_speed: float
+
+    def __init__(self, robots: Robots) -> None:
+        """Take the limits from a scenario's ``robots``; subclasses set ``low`` and ``high``.
+
+        Raises:
+            ValueError: they do not suit this drive; the message names the field.
+        """
+        self.full_speed = robots.speed[1]
+        self._acceleration = robots.acceleration
+
+    def limit(
+        self, commands: NDArray[np.float64], velocity: NDArray[np.float64], period: float
+    ) -> NDArray[np.float64]:
+        """What the robots do when told something, within the limits on acceleration.
+
+        Args:
+            commands: (R, 2) actions within ``low`` and ``high``.
+            velocity: (R, 2) what they did before.
+            period: time for which they keep to it [s].
+
+        Returns:
+            (R, 2) velocities of this drive.
+        """
+        if self._acceleration is None:
+            return commands
+        reach = np.array(self._acceleration) * period
+        return np.clip(commands, velocity - reach, velocity + reach)
+
+    @abstractmethod
+    def turn_rate(self, velocity: Velocity) -> float:
+        """How fast the robot turns [rad/s], left positive."""
+
+    @abstractmethod
+    def advance(
+        self, heading: float, velocity: Velocity, duration: float
+    ) -> tuple[float, float, float]:
+        """Move for one physics step.
+
+        Args:
+            heading: at its beginning [rad].
+            velocity: what the drive is doing.
+            duration: of the step [s].
+
+        Returns:
+            Mean velocity x, y in the world [m/s], and the heading after the step [rad].
+        """
+
+    @abstractmethod
+    def travel(self, heading: float, velocity: Velocity) -> tuple[float, float, float]:
+        """Where the robot is going.
+
+        Args:
+            heading: [rad].
+            velocity: what the drive is doing.
+
+        Returns:
+            Unit vector x, y in the world and the speed along it [m/s], negative backwards. The
+            vector of a robot that stands is one in which it could go.
+        """
+
+
+class Differential(Drive):
+    """Two driven wheels: v ahead [m/s] and turn rate w [rad/s], left positive.
+
+    ``robots.acceleration`` bounds |dv/dt| [m/s^2] and |dw/dt| [rad/s^2].
+    """
+
+    def __init__(self, robots: Robots) -> None:
+        super().__init__(robots)
+        self.low, self.high = np.array([robots.speed, robots.turn_rate]).T
+
+    def turn_rate(self, velocity: Velocity) -> float:
+        """The second number itself."""
+        return velocity[1]
+
+    def advance(
+        self, heading: float, velocity: Velocity, duration: float
+    ) -> tuple[float, float, float]:
+        """Follow the arc of (v, w) exactly.
+
+        The chord of an arc of angle w t has the length v t sin(w t / 2) / (w t / 2) and lies half
+        the angle off the heading.
+        """
+        v, w = velocity
+        half_turn = w * duration / 2
+        chord = v * math.sin(half_turn) / half_turn if half_turn else v
+        middle = heading + half_turn
+        return chord * math.cos(middle), chord * math.sin(middle), middle + half_turn
+
+    def travel(self, heading: float, velocity: Velocity) -> tuple[float, float, float]:
+        """Along the heading with v."""
+        return math.cos(heading), math.sin(heading), velocity[0]
+
+
+class Omnidirectional(Drive):
+    """Wheels that roll any way: speeds ahead and to the left [m/s]; the heading stays.
+
+    ``robots.speed`` bounds the first, ``robots.lateral_speed`` the second, and
+    ``robots.acceleration`` the change of either [m/s^2].
+    """
+
+    def __init__(self, robots: Robots) -> None:
+        super().__init__(robots)
+        self.low, self.high = np.array([robots.speed, robots.lateral_speed]).T
+
+    def turn_rate(self, velocity: Velocity) -> float:
+        """None at all."""
+        return 0.0
+
+    def advance(
+        self, heading: float, velocity: Velocity, duration: float
+    ) -> tuple[float, float, float]:
+        """Go straight."""
+        ahead, left = velocity
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return cosine * ahead - sine * left, sine * ahead + cosine * left, heading
+
+    def travel(self, heading: float, velocity: Velocity) -> tuple[float, float, float]:
+        """Along the velocity; ahead where there is none."""
+        ahead, left = velocity
+        cosine, sine = math.cos(heading), math.sin(heading)
+        speed = math.hypot(ahead, left)
+        if speed == 0.0:
+            return cosine, sine, 0.0
+        ahead, left = ahead / speed, left / speed
+        return cosine * ahead - sine * left, sine * ahead + cosine * left, speed
+
+
+def make_drive(scenario: Scenario) -> Drive:
+    """The drive that a scenario names.
+
+    Raises:
+        ScenarioError: it cannot be loaded, or refuses the scenario's limits.
+    """
+    name = scenario.robots.drive
+    where = f"scenario {scenario.name!r}: robots.drive"
+    try:
+        kind = DRIVES[name]
+    except UnknownNameError as error:
+        raise ScenarioError(f"{where}: {error}") from error
+    if not issubclass(kind, Drive):
+        raise ScenarioError(f"{where}: {name!r} is not a subclass of crowdbench.Drive")
+    try:
+        return kind(scenario.robots)
+    except ValueError as error:
+        raise ScenarioError(f"{where}: {name!r}: {error}") from error

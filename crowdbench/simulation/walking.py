@@ -1,0 +1,202 @@
+"""Walking models: how pedestrians avoid others, found by the name that ``pedestrians.model`` gives.
+
+A model chooses the velocities of the whole crowd at once, from one snapshot. Where everybody wants
+to go is not its matter (``crowdbench.simulation.pedestrians``).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
+from crowdbench.extensions import WALKING_MODELS
+from crowdbench.registry import UnknownNameError
+from crowdbench.scenario import Scenario, ScenarioError
+from crowdbench.simulation.orca import orca_velocities
+from crowdbench.simulation.social_force import social_force_velocities
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """One moment of P pedestrians among R robots, K obstacles and S walls, in world coordinates.
+
+    Arrays are float64 (masks bool), C-contiguous, and not to be written to.
+
+    Attributes:
+        position: (P, 2) centres [m].
+        velocity: (P, 2) as they walk now [m/s].
+        heading: (P,) direction of the last step walked [rad].
+        goal: (P, 2) where each is going [m].
+        preferred_speed: (P,) never to be exceeded [m/s].
+        radius: of every pedestrian [m].
+        present: (P,) bool, who is in the scene.
+        sees_robot: (P, R) bool, which pedestrian sees which robot now: a reactive one, with the
+            robot in its field of view.
+        robot_position: (R, 2) [m].
+        robot_velocity: (R, 2) [m/s].
+        robot_radius: of the circle around a robot's footprint [m].
+        responsibility: share of an evasion that a pedestrian takes on when meeting a robot.
+        obstacles: (K, 3) x, y, radius of static discs [m].
+        walls: (S, 4) segments x1, y1, x2, y2 [m].
+        period: time until the next decision [s].
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    goal: NDArray[np.float64]
+    preferred_speed: NDArray[np.float64]
+    radius: float
+    present: NDArray[np.bool_]
+    sees_robot: NDArray[np.bool_]
+    robot_position: NDArray[np.float64]
+    robot_velocity: NDArray[np.float64]
+    robot_radius: float
+    responsibility: float
+    obstacles: NDArray[np.float64]
+    walls: NDArray[np.float64]
+    period: float
+
+    def preferred_velocity(self) -> NDArray[np.float64]:
+        """(P, 2) straight to the goals at preferred speed [m/s]; nobody overshoots a goal."""
+        return _preferred_velocity(self.position, self.goal, self.preferred_speed, self.period)
+
+    def only(self, chosen: NDArray[np.bool_]) -> Crowd:
+        """The same moment without the other pedestrians; ``chosen`` is a mask (P,)."""
+        rows = ("position", "velocity", "heading", "goal", "preferred_speed", "present")
+        kept = {name: getattr(self, name)[chosen] for name in (*rows, "sees_robot")}
+        return replace(self, **kept)
+
+
+class WalkingModel(ABC):
+    """How a crowd walks. Every episode has an object of its own."""
+
+    def reset(self, crowd: Crowd, rng: np.random.Generator) -> None:  # noqa: B027 - may stay so
+        """Begin the episode; by default there is nothing to do.
+
+        Args:
+            crowd: the starting state.
+            rng: where all randomness of the model comes from.
+        """
+
+    @abstractmethod
+    def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
+        """Choose how everybody walks until the next decision.
+
+        Args:
+            crowd: the present state.
+            time: since the episode began [s].
+
+        Returns:
+            (P, 2) velocities [m/s]; rows of those who are not present are ignored.
+        """
+
+
+class Straight(WalkingModel):
+    """Everybody goes straight to the goal and avoids nobody."""
+
+    def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
+        """Return the preferred velocities."""
+        return crowd.preferred_velocity()
+
+
+class _Solved(WalkingModel):
+    """A model whose velocities one compiled function computes, for those who are present."""
+
+    solve: Callable[..., None]
+
+    def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
+        """Return what the function writes."""
+        if np.count_nonzero(crowd.present) < len(crowd.present):
+            velocities = np.zeros_like(crowd.position)
+            velocities[crowd.present] = self.velocities(crowd.only(crowd.present), time)
+            return velocities
+        out = np.empty_like(crowd.position)
+        type(self).solve(
+            crowd.position,
+            crowd.velocity,
+            crowd.preferred_velocity(),
+            crowd.preferred_speed,
+            crowd.radius,
+            crowd.sees_robot,
+            crowd.robot_position,
+            crowd.robot_velocity,
+            crowd.robot_radius,
+            crowd.responsibility,
+            crowd.obstacles,
+            crowd.walls,
+            crowd.period,
+            out,
+        )
+        return out
+
+
+class Orca(_Solved):
+    """Optimal reciprocal collision avoidance (``crowdbench.simulation.orca``)."""
+
+    solve = staticmethod(orca_velocities)
+
+
+class SocialForce(_Solved):
+    """Social forces (``crowdbench.simulation.social_force``)."""
+
+    solve = staticmethod(social_force_velocities)
+
+
+def make_walking_model(scenario: Scenario) -> WalkingModel:
+    """A new object of the walking model that a scenario names.
+
+    Raises:
+        ScenarioError: it cannot be loaded.
+    """
+    name = scenario.pedestrians.model
+    where = f"scenario {scenario.name!r}: pedestrians.model"
+    try:
+        kind = WALKING_MODELS[name]
+    except UnknownNameError as error:
+        raise ScenarioError(f"{where}: {error}") from error
+    if not issubclass(kind, WalkingModel):
+        raise ScenarioError(f"{where}: {name!r} is not a subclass of crowdbench.WalkingModel")
+    return kind()
+
+
+def checked_velocities(scenario: Scenario, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a walking model has returned, as an array of its own.
+
+    Raises:
+        ScenarioError: not finite numbers (P, 2).
+    """
+    array = np.array(velocities, dtype=np.float64)
+    expected = (scenario.pedestrians.count, 2)
+    # The sum of squares is finite when all are, and takes one call.
+    if array.shape != expected or not math.isfinite(np.vdot(array, array)):
+        got = f"shape {array.shape}" if array.shape != expected else "numbers that are not finite"
+        raise ScenarioError(
+            f"scenario {scenario.name!r}: pedestrians.model {scenario.pedestrians.model!r}: "
+            f"expected finite velocities of shape {expected}, got {got}"
+        )
+    return array
+
+
+@compiled()
+def _preferred_velocity(
+    position: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    period: float,
+) -> NDArray[np.float64]:
+    velocity = np.empty_like(position)
+    for p in range(len(position)):
+        dx, dy = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
+        distance = np.hypot(dx, dy)
+        # A pedestrian that stops on arrival stands still, since nobody overshoots.
+        pace = min(speed[p], distance / period)
+        velocity[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
+        velocity[p, 1] = pace * dy / distance if distance > 0.0 else 0.0
+    return velocity

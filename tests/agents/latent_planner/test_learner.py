@@ -1,0 +1,75 @@
+"""Learning on a fixed batch, and what stops it."""
+
+import numpy as np
+import pytest
+import torch
+from crowdbench_agents.latent_planner.learner import Learner
+from crowdbench_agents.learning.errors import TrainingError
+
+
+def test_updates_on_a_fixed_batch_reduce_every_loss(tiny, sequences):
+    changes = {
+        "loss.imitation": 10.0, "loss.imitation_shaping": 0.0, "loss.entropy_target": -4.0,
+        "training.reward_scale": 1.0,
+    }  # fmt: skip
+    learner = Learner(tiny(**changes), seed=0)
+    batch = sequences(3, 16)
+    history = [learner.update(batch) for _ in range(150)]
+    for name in ("reward", "termination", "imitation"):
+        before = np.mean([float(terms[name]) for terms in history[:5]])
+        after = np.mean([float(terms[name]) for terms in history[-5:]])
+        assert after < 0.8 * before, name
+    learner.check({key: float(value) for key, value in history[-1].items()})
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"value": float("nan"), "latent_spread": 1.0}, "value is nan"),
+        ({"value": 1.0, "latent_spread": 1e-4}, "latent state died"),
+    ],
+)
+def test_a_dead_training_is_stopped(terms, message, tiny):
+    with pytest.raises(TrainingError, match=message):
+        Learner(tiny(), seed=0).check(terms)
+
+
+def test_a_collapsed_encoder_is_noticed(tiny, sequences):
+    learner = Learner(tiny(), seed=0)
+    with torch.no_grad():
+        for parameter in learner.model.encoder.fuse.parameters():
+            parameter.zero_()
+        learner.model.encoder.fuse.bias.normal_()
+    terms = learner.update(sequences(3, 16))
+    with pytest.raises(TrainingError, match="latent state died"):
+        learner.check({key: float(value) for key, value in terms.items()})
+
+
+def test_a_restored_learner_goes_on_as_if_nothing_had_happened(tmp_path, tiny, sequences):
+    batches = [sequences(3, 8, seed=i) for i in range(6)]
+    straight = Learner(tiny(), seed=0)
+    for batch in batches:
+        straight.update(batch)
+    first = Learner(tiny(), seed=0)
+    for batch in batches[:3]:
+        first.update(batch)
+    torch.save(first.state(), tmp_path / "state.pt")
+    second = Learner(tiny(), seed=9)
+    second.restore(torch.load(tmp_path / "state.pt", weights_only=True))
+    for batch in batches[3:]:
+        second.update(batch)
+    for a, b in zip(straight.model.parameters(), second.model.parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert (second.updates, second.alpha) == (straight.updates, straight.alpha)
+
+
+def test_learning_rates_fall_between_two_counts_of_updates(tiny, sequences):
+    rates = {"training.learning_rate_model": 1e-3, "training.learning_rate": 2e-3}
+    learner = Learner(tiny(**rates, **{"training.learning_rate_decay": [2, 4]}), seed=0)
+    seen = []
+    for seed in range(6):
+        learner.update(sequences(3, 8, seed))
+        groups = [g for o in learner.state()["optimizers"].values() for g in o["param_groups"]]
+        seen.append([group["lr"] for group in groups])
+    first, half, last = [1e-3, 2e-3, 2e-3, 2e-3], [5.25e-4] + 3 * [1.05e-3], [5e-5] + 3 * [1e-4]
+    np.testing.assert_allclose(seen, [first, first, first, half, last, last])

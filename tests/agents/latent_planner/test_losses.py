@@ -1,0 +1,103 @@
+"""Losses by hand."""
+
+import numpy as np
+import pytest
+import torch
+from crowdbench_agents.latent_planner.learner import Learner
+from crowdbench_agents.latent_planner.losses import (
+    model_loss,
+    policy_loss,
+    target_steps,
+    value_targets,
+)
+from crowdbench_agents.learning.batch import Batch
+from crowdbench_agents.learning.config import Loss
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+
+def returns_of(reward, end, valid, value, steps, discount=0.5):
+    """Value targets of one sequence and where they are known, numbers in lists."""
+    reward, end, valid, value = (
+        torch.tensor(x, dtype=torch.float32)[:, None] for x in (reward, end, valid, value)
+    )
+    batch = Batch(None, None, reward, end, end, valid, None, None, None)
+    returns, known = value_targets(batch, value, discount, steps)
+    return returns[:, 0].tolist(), known[:, 0].tolist()
+
+
+GO, VALID = [0, 0, 0], [1, 1, 1]
+
+
+def test_value_targets_by_hand():
+    reward = [1.0, 2.0, 4.0]
+    assert returns_of(reward, GO, VALID, [10.0, 20, 40], 1) == ([6, 12, 24], [1, 1, 1])
+    # V at steps 2 and 3: 1 + 2 / 2 + 20 / 4, 2 + 20 / 2, 4 + 40 / 2
+    assert returns_of(reward, GO, VALID, [20.0, 40], 2) == ([7, 12, 24], [1, 1, 1])
+    # V at step 3 alone: 1 + 2 / 2 + 4 / 4 + 40 / 8, 2 + 4 / 2 + 40 / 4, 4 + 40 / 2
+    assert returns_of(reward, GO, VALID, [40.0], 3) == ([8, 14, 24], [1, 1, 1])
+
+
+def test_nothing_is_added_behind_an_end():
+    returns, known = returns_of([1.0, 2, 4], [0, 1, 0], [1, 1, 0], [40.0], 3)
+    assert (returns[:2], known) == ([2, 2], [1, 1, 0])
+
+
+def test_behind_the_time_limit_the_value_counts_where_it_is_known():
+    assert returns_of([1.0, 2, 4], GO, [1, 1, 0], [20.0, 40], 2) == ([7, 12, 24], [1, 1, 0])
+    assert returns_of([1.0, 2, 4], GO, [1, 1, 0], [40.0], 3)[1] == [0, 0, 0]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 4), st.integers(0, 1000))
+def test_value_targets_sum_rewards_up_to_the_next_target_step(horizon, steps, seed):
+    rng = np.random.default_rng(seed)
+    reward, values = rng.normal(size=horizon), rng.normal(size=horizon + 1)
+    at = target_steps(horizon, steps)
+    found, _ = returns_of(
+        reward.tolist(), [0] * horizon, [1] * horizon, values[at].tolist(), steps, discount=0.9
+    )
+    for t in range(horizon):
+        until = next(k for k in at if k > t)
+        sum_ = sum(0.9 ** (k - t) * reward[k] for k in range(t, until))
+        assert found[t] == pytest.approx(sum_ + 0.9 ** (until - t) * values[until], abs=1e-5)
+
+
+def test_steps_behind_the_end_of_an_episode_do_not_count(tiny, sequences):
+    config = tiny()
+    learner = Learner(config, seed=0)
+    batch = sequences(3, 5)
+    batch.valid[1:] = 0
+    other = batch._replace(reward=batch.reward.clone())
+    other.reward[1:] = 100.0
+    noise = torch.zeros(3, 5, 2)
+    loss = config.loss.model_copy(update={"n_step": 1})
+    a, b = (model_loss(learner.model, learner.target, x, loss, noise) for x in (batch, other))
+    assert a.total == b.total
+
+
+class Linear:
+    """A hand-made critic and policy for the policy's loss: Q = 2 a_0, a = noise, log pi = -1."""
+
+    @staticmethod
+    def sample(latents, noise):
+        return noise, -torch.ones(noise.shape[:-1])
+
+    @staticmethod
+    def q(latents, action):
+        value = 2 * action[..., 0]
+        return torch.stack([value, value + 1])
+
+
+def test_policy_loss_by_hand(sequences):
+    batch = sequences(3, 1)
+    reference = torch.tensor([[[0.5, 0.0]], [[0.0, 0.0]], [[1.0, 1.0]]])
+    planned, labelled = torch.tensor([[1.0], [0], [0]]), torch.tensor([[0.0], [0], [1]])
+    batch = batch._replace(reference=reference, planned=planned, labelled=labelled)
+    noise = torch.tensor([[[1.0, 1.0]], [[-1.0, 0.0]], [[0.0, 0.5]]])
+    loss = Loss(imitation=3.0, horizon_decay=0.5, twin_minimum=True)
+    result = policy_loss(Linear, torch.zeros(3, 1, 4), batch, loss, 0.1, 4.0, noise, 2.0)
+    first = 0.1 * -1 - 2 / 4 + 3 * (0.25 + 1)
+    second = 0.1 * -1 + 2 / 4
+    third = 0.1 * -1 - 0 / 4 + 2 * (1 + 0.25)
+    assert float(result.total) == pytest.approx((first + 0.5 * second + 0.25 * third) / 1.75)

@@ -1,0 +1,71 @@
+"""Runs that stop and go on."""
+
+import contextlib
+import json
+import signal
+
+import pytest
+from crowdbench_agents.latent_planner.training import LatentPlannerRun, train
+from crowdbench_agents.latent_planner.world_model import load_world_model
+from crowdbench_agents.learning.checkpoints import load_checkpoint
+from crowdbench_agents.learning.errors import TrainingError
+
+import crowdbench
+
+
+def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
+    folder = train("short", steps=200, overrides=overrides)
+    curve = in_empty_folder / "results/training/short.csv"
+    lines = curve.read_text().splitlines()
+    assert lines[0].startswith("steps,decisions,updates,seconds,success")
+    updates = int(lines[-1].split(",")[2])
+    assert int(lines[-1].split(",")[0]) == 200
+    assert updates > 10
+    with pytest.raises(TrainingError, match="holds a run"):
+        train("short", steps=300, overrides=overrides)
+    train("short", steps=300, resume=True, overrides=overrides)
+    last = curve.read_text().splitlines()[-1].split(",")
+    assert int(last[0]) == 300
+    assert int(last[2]) > updates
+    _, config = load_world_model(folder / "last.safetensors")
+    assert config.model.latent == 32
+    assert overrides["planner.horizon"] == config.planner.horizon
+
+
+def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, overrides, monkeypatch):
+    train("worlds", steps=100, overrides=overrides)
+    load = crowdbench.load_scenario
+
+    def changed(name):
+        return load(name).override({"time_limit": 30.0} if name == "unimodal_slow" else {})
+
+    monkeypatch.setattr(crowdbench, "load_scenario", changed)
+    with pytest.raises(TrainingError, match=r"scenarios have changed .*: unimodal_slow"):
+        train("worlds", steps=200, resume=True, overrides=overrides)
+
+
+def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, monkeypatch):
+    train("worlds", steps=100, overrides=overrides)
+    names = [*crowdbench.scenario_names(), "of_somebody_else"]
+    monkeypatch.setattr(crowdbench, "scenario_names", lambda: names)
+    folder = train("worlds", steps=140, resume=True, overrides=overrides)
+    assert json.loads(load_checkpoint(folder)["counters"])["steps"] == 140
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
+    in_empty_folder, overrides, monkeypatch, number
+):
+    step = LatentPlannerRun.step
+
+    def interrupted(run):
+        if run.steps == 40:
+            with contextlib.suppress(KeyboardInterrupt):  # as C libraries do
+                signal.raise_signal(number)
+        step(run)
+
+    monkeypatch.setattr(LatentPlannerRun, "step", interrupted)
+    folder = train("short", steps=400, overrides=overrides)
+    assert json.loads(load_checkpoint(folder)["counters"])["steps"] == 44
+    train("short", steps=80, resume=True, overrides=overrides)
+    assert json.loads(load_checkpoint(folder)["counters"])["steps"] == 80

@@ -1,0 +1,20 @@
+"""What a run tells."""
+
+from crowdbench_agents.learning.journal import Journal
+from crowdbench_agents.learning.validation import Validation
+
+
+def test_a_learning_curve_keeps_the_columns_it_began_with(tmp_path):
+    """An earlier version told no SPL."""
+    curve = tmp_path / "curve.csv"
+    counts = {"steps": 32, "decisions": 8, "updates": 1, "seconds": 2.0}
+    result = Validation({"unimodal_slow": 0.5}, {"unimodal_slow": 0.25}, 0.125, 10.0)
+    with Journal("run", tmp_path, curve, 100) as journal:
+        journal.validated(result, counts, {})
+        assert curve.read_text().splitlines() == [
+            "steps,decisions,updates,seconds,success,spl,smoothness,time_to_goal,unimodal_slow",
+            "32,8,1,2.0,0.5,0.25,0.125,10.0,0.5",
+        ]
+        curve.write_text("steps,success,unimodal_slow\n16,0.25,0.25\n")
+        journal.validated(result, counts, {})
+    assert curve.read_text() == "steps,success,unimodal_slow\n16,0.25,0.25\n32,0.5,0.5\n"

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from crowdbench.scenario import Scenario, ScenarioError, load_scenario, parse_overrides
+from crowdbench.scenario import scenario_names as names
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes a scenario file and returns its path."""
+
+    def write(text, name="mine.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return str(path)
+
+    return write
+
+
+def refusal(name, /, **changes) -> str:
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(name, **changes)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_tables_scenarios_are_there_in_their_order():
+    motions = ["unimodal_slow", "unimodal_fast", "multimodal_slow", "multimodal_fast"]
+    corridors = [f"corridor_{how}" for how in ("sparse", "moderate", "dense", "very_dense")]
+    assert names() == [*motions, *(f"{name}_nonreactive" for name in motions), *corridors]
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_nonreactive_twin_differs_in_nothing_but_who_sees_the_robot(name):
+    scenario = load_scenario(name)
+    if name.endswith("_nonreactive"):
+        twin = load_scenario(name.removesuffix("_nonreactive"))
+        assert scenario.pedestrians.reactive == 0
+        assert twin.override({"pedestrians.reactive": 0}).digest == scenario.digest
+    else:
+        assert scenario.pedestrians.reactive == 1
+
+
+def test_corridors_have_the_papers_densities():
+    counts = [
+        (scenario.obstacles.count, scenario.pedestrians.count)
+        for scenario in (load_scenario(name) for name in names() if name.startswith("corridor"))
+    ]
+    assert counts == [(2, 0), (3, 2), (3, 4), (4, 6)]
+
+
+def test_unknown_scenario_names_the_nearest():
+    assert "did you mean 'multimodal_fast'?" in refusal("multimodal_fst")
+
+
+@pytest.mark.parametrize("name", ["", "/tmp", "../open", "x" * 5000, "nul\0"])
+def test_whatever_is_no_scenario_is_unknown(name):
+    assert "unknown scenario" in refusal(name)
+
+
+def test_a_missing_file_is_named():
+    assert refusal("no/such.yaml") == "scenario file 'no/such.yaml' does not exist"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("pedestrians: {cout: 3}", "unknown key 'pedestrians.cout'; did you mean 'count'?"),
+        ("pedestrian: {count: 3}", "unknown key 'pedestrian'; did you mean 'pedestrians'?"),
+        ("pedestrians: {1: 3}", "pedestrians: the key 1 is not a name"),
+        ("1: 3", "the key 1 is not a name"),
+        ("- a", "expected 'key: value' lines, got list"),
+        ("a: [", "not a YAML file"),
+        ("name: !!python/object/apply:os.getcwd []", "not a YAML file"),
+        ("extends: 3", "extends: expected the name of a scenario, got 3"),
+        ("extends: opn_x", "unknown scenario 'opn_x'"),
+        ("pedestrians: 7", "pedestrians: expected a section of `key: value` lines"),
+        ("pedestrians: {model: 7}", "pedestrians.model: expected text (got 7)"),
+        ("pedestrians: {model: orcas}", "unknown walking model 'orcas'; did you mean 'orca'?"),
+        ("pedestrians: {model: walk}", "model 'walk'; known: orca, social_force, straight"),
+        ("robots: {drive: hover}", "robots.drive: unknown drive 'hover'; known: differential, "),
+    ],
+)
+def test_a_file_that_is_wrong_is_refused_with_the_reason(written, text, told):
+    path = written(text)
+    message = refusal(path)
+    assert told in message
+    assert path in message or "extends" in text
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("pedestrians.count", 1000, "pedestrians.count: 1000 is out of range; allowed: >= 0"),
+        ("pedestrians.count", 1000, "<= 500"),
+        ("lidar.beams", 0, "lidar.beams: 0 is out of range; allowed: >= 1 and <= 4096"),
+        ("pedestrians.speed", [-1, 1], "pedestrians.speed: -1 is out of range; allowed: >= 0"),
+        (
+            "robots.acceleration",
+            [1, 0],
+            "robots.acceleration: 0 is out of range; allowed: >= 0.001",
+        ),
+        ("pedestrians.speed", [2, 1], "pedestrians.speed: the lower bound 2.0 exceeds the upper"),
+        (
+            "arena.length",
+            float("nan"),
+            "arena.length: expected a number >= 0.001 and <= 200 (got nan)",
+        ),
+        ("reward.arrival", float("inf"), "reward.arrival: expected a number"),
+        ("pedestrians.count", 2.5, "pedestrians.count: expected a whole number >= 0 and <= 500"),
+        ("name", "a/b", "name: expected 1 to 100 letters, digits and _.- (got 'a/b')"),
+        ("arena.length.x", 1, "arena.length.x: 'length' is a value, not a section"),
+    ],
+)
+def test_a_value_out_of_range_is_named_with_its_field_and_range(field, value, told):
+    assert told in refusal("multimodal_fast", **{field: value})
+
+
+def test_a_file_extends_another_and_merges_section_by_section(written):
+    written("extends: multimodal_fast\npedestrians: {count: 3}", "base.yaml")
+    scenario = load_scenario(written("extends: base.yaml\npedestrians: {radius: 0.3}"))
+    assert scenario.name == "mine"
+    assert (scenario.pedestrians.count, scenario.pedestrians.radius) == (3, 0.3)
+    assert scenario.pedestrians.goals == "multimodal"
+
+
+@pytest.mark.parametrize("base", ["mine.yaml", "./mine.yaml", "sub/../mine.yaml"])
+def test_a_file_that_extends_itself_is_refused(written, tmp_path, base):
+    (tmp_path / "sub").mkdir()
+    assert "extends itself" in refusal(written(f"extends: {base}"))
+
+
+def test_overrides_from_a_command_line_are_yaml_values():
+    changes = parse_overrides(["pedestrians.count=12", "pedestrians.speed=[0.2, 0.4]", "name=mine"])
+    scenario = load_scenario("multimodal_fast", **changes)
+    assert (scenario.pedestrians.count, scenario.pedestrians.speed) == (12, (0.2, 0.4))
+    assert scenario.name == "mine"
+
+
+@pytest.mark.parametrize("item", ["pedestrians.count", "=3", "a=["])
+def test_an_override_that_is_none_is_refused(item):
+    with pytest.raises(ScenarioError, match="--set"):
+        parse_overrides([item])
+
+
+def test_nested_dotted_and_later_overrides_are_the_same_and_keep_the_rest():
+    nested = load_scenario("multimodal_fast", pedestrians={"count": 12})
+    assert nested == load_scenario("multimodal_fast", **{"pedestrians.count": 12})
+    assert nested == load_scenario("multimodal_fast").override({"pedestrians": {"count": 12}})
+    assert nested.pedestrians.goals == "multimodal"
+
+
+@given(
+    field=st.sampled_from(
+        ["control_period", "arena.width", "robots.travel", "lidar.range", "pedestrians.leg"]
+    ),
+    factor=st.floats(0.5, 0.99),
+)
+def test_the_digest_changes_with_the_world_and_only_with_it(field, factor):
+    scenario = load_scenario("multimodal_fast")
+    section, _, name = field.rpartition(".")
+    value = getattr(getattr(scenario, section) if section else scenario, name)
+    assert scenario.override({field: value * factor}).digest != scenario.digest
+    named = scenario.override({"name": "other", "description": "", "reward.social": 0})
+    assert named.digest == scenario.digest
+
+
+def test_a_scenario_survives_its_own_serialisation():
+    scenario = load_scenario("corridor_dense")
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario

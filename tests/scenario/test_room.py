@@ -1,0 +1,54 @@
+"""A world into which somebody cannot fit, whatever the seed, is refused before anything runs."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from crowdbench.scenario import ScenarioError, load_scenario
+from crowdbench.simulation.layout import place
+
+LARGE = {"robots.length": 1.6, "robots.width": 1.2}  # 2 m across
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "field", "inside", "outside"),
+    [
+        ("corridor_sparse", {**LARGE, "obstacles.count": 0}, "arena.width", 2.01, 1.99),
+        ("unimodal_slow", {**LARGE, "arena.length": 12}, "arena.width", 2.01, 1.99),
+        ("corridor_sparse", {}, "robots.travel", 11.49, 11.51),
+        ("corridor_sparse", LARGE, "robots.travel", 9.99, 10.01),
+        ("unimodal_slow", {}, "robots.travel", 9.49 * math.sqrt(2), 9.51 * math.sqrt(2)),
+        ("unimodal_slow", {"arena.length": 20}, "arena.width", 0.51, 0.49),
+        ("corridor_dense", {"obstacles.radius": [0.7, 0.7]}, "arena.width", 2.5, 2.29),
+        ("unimodal_slow", {"pedestrians.radius": 2, "robots.travel": 1}, "arena.width", 4.1, 3.9),
+    ],
+)
+def test_the_bound_is_named_with_the_field(name, changes, field, inside, outside):
+    load_scenario(name, **{**changes, field: inside})
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(name, **{**changes, field: outside})
+    message = str(caught.value)
+    assert f"{field}: {outside:g} m" in message
+    assert "allowed: " in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"arena.width": 0.71, "robots.length": 0.5, "robots.width": 0.5},
+        {"arena.length": 10.5, "arena.width": 0.51},
+    ],
+)
+def test_what_is_just_allowed_is_placed(changes):
+    scenario = load_scenario("corridor_sparse", **changes, **{"obstacles.count": 0})
+    for seed in range(20):
+        place(scenario, seed)
+
+
+def test_the_stated_bound_is_itself_allowed():
+    with pytest.raises(ScenarioError, match=r"allowed: <= 9\.5$"):
+        load_scenario("unimodal_slow", **{"arena.kind": "corridor", "robots.travel": 12})
+    load_scenario("unimodal_slow", **{"arena.kind": "corridor", "robots.travel": 9.5})
