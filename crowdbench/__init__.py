@@ -7,7 +7,8 @@ The names in ``__all__`` are the public interface:
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
-- ``Episode``: the log of one robot's run;
+- ``read_yaml``: a configuration file of an agent, read as strictly as scenarios are;
+- ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
 - extensions: a ``Drive`` gives a robot's actions their meaning, a ``WalkingModel`` says how a
   ``Crowd`` walks, and ``orca_velocities`` is how the pedestrians avoid each other by default.
 
@@ -23,10 +24,18 @@ import gymnasium
 import pettingzoo
 
 from crowdbench.agent import Action, Agent, AgentError, AgentSpec, Observation, RobotSpec
-from crowdbench.scenario import Scenario, ScenarioError, load_scenario, scenario_names
+from crowdbench.scenario import (
+    NoRoomError,
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    scenario_names,
+)
+from crowdbench.strict_yaml import YamlError, read_yaml
 
 if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
+    from crowdbench.evaluation.metric import Metric
     from crowdbench.simulation.env import CrowdEnv, parallel_env
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
@@ -40,6 +49,7 @@ _LAZY = {
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
     "Drive": "crowdbench.simulation.kinematics",
     "Episode": "crowdbench.evaluation.episode",
+    "Metric": "crowdbench.evaluation.metric",
     "orca_velocities": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
     "parallel_env": "crowdbench.simulation.env",
@@ -55,14 +65,18 @@ __all__ = [
     "CrowdNavEnv",
     "Drive",
     "Episode",
+    "Metric",
+    "NoRoomError",
     "Observation",
     "RobotSpec",
     "Scenario",
     "ScenarioError",
     "WalkingModel",
+    "YamlError",
     "load_scenario",
     "orca_velocities",
     "parallel_env",
+    "read_yaml",
     "scenario_names",
 ]
 

@@ -138,7 +138,7 @@ def test_a_run_ends_with_a_table_and_says_where_the_rows_are(place, capsys):
     rows = load_results(place / "results", agent="straight_line")
     assert len(rows) == 4, "a second run finds them stored"
     assert re.search(r"success ↑ +\S+ \[\S+, \S+\]", text)
-    assert re.search(rf"min_dist ↑ \[m\] +{rows['min_dist'].mean():.3} \[\S+, \S+\]", text)
+    assert re.search(rf"min_dist ↑ \[m\] +{rows['min_dist'].mean():.3f} \[\S+, \S+\]", text)
     assert re.search(r"episodes +4", text)
     assert re.findall(r"rows: (.*)", text) == [str(place / "results" / "results.sqlite")]
     assert re.search(r"\d agent_error", text)
@@ -191,7 +191,7 @@ def test_agents_are_compared_on_the_episodes_both_ran(place, capsys):
     paths = tiny.pivot(index="seed", columns="agent", values="path_length")
     difference = (paths["straight_line"] - paths[other]).mean()
     line = next(line for line in text.splitlines() if line.startswith("path_length"))
-    assert f"{difference:.3g}" in line or f"{difference:.3f}" in line
+    assert f" {difference:z.2f} [" in line
     assert line.split()[-1] == "4"
     assert f"B: {other}" in text.replace("\n", "")
 
@@ -205,7 +205,7 @@ def test_a_narrow_terminal_cuts_no_number_off():
     print_comparison(console, pd.DataFrame([line]), "a", "b")
     words = console.file.getvalue().split()
     assert words.count("0.001") == 2
-    assert {"100", "pairs", "-4.4e-05", "[-9.2e-05,", "-4.4e-06]"} <= set(words)
+    assert {"100", "pairs", "[ms]", "0.23", "0.28", "-0.044", "[-0.092,", "-0.004]"} <= set(words)
 
 
 @pytest.mark.parametrize(
@@ -386,3 +386,11 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(place, tmp_path):
     # A row may reach the file in the moment between the signal and the count.
     assert kept - int(told[1]) in (0, 1)
     assert told[2] == str(tmp_path)
+
+
+def test_a_goal_that_can_be_passed_is_warned_of_in_one_line(tmp_path, capsys):
+    path = str(tmp_path / "scene.png")
+    assert main(["show", "corridor_sparse", "--set", "robots.speed=[0, 4]", "-o", path]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("warning: scenario 'corridor_sparse': a robot may pass its goal")

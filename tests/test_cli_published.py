@@ -58,7 +58,7 @@ def test_compare_takes_what_was_run_here_before_what_is_published(publish, local
     local.add("orca", SCENARIO, spl=[0.9])
     assert main(["compare", "orca", "neupan", "--results", "mine", "--metric", "spl"]) == 0
     text = said(capsys)
-    assert "0.500 0.500 0 " in text  # (0.9 + 0.1) / 2 against 0.5
+    assert "0.500 0.500 0.000 " in text  # (0.9 + 0.1) / 2 against 0.5
     assert "published: 1 of 2 rows of orca, run on their machine" in text
 
 

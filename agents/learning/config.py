@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from crowdbench_agents.learning.perception import MapGeometry
 from pydantic import (
     BaseModel,
@@ -20,6 +19,8 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+
+import crowdbench
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -242,9 +243,9 @@ def load_config(path: str | Path | None = None) -> Config:
     """
     path = Path(path) if path else Path(__file__).parent / "config.yaml"
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
+        document = crowdbench.read_yaml(path)
+    except crowdbench.YamlError as error:
+        raise ConfigError(str(error)) from error
     if not isinstance(document, dict):
         raise ConfigError(f"{path}: expected sections {', '.join(Config.model_fields)}")
     return parse_config(document, source=str(path))

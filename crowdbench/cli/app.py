@@ -5,8 +5,9 @@ Everything heavy is imported inside the commands, so that ``crowdbench --help`` 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
@@ -16,6 +17,7 @@ from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
+from crowdbench.cli.recompute import recompute
 from crowdbench.cli.record import record
 from crowdbench.cli.replay import replay
 from crowdbench.cli.report import report
@@ -24,7 +26,10 @@ from crowdbench.cli.scenarios import scenarios
 from crowdbench.cli.show import show
 from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
+from crowdbench.cli.transfer import export, import_results
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.metric import MetricError
+from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import ScenarioError
 
 app = typer.Typer(
@@ -34,22 +39,41 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    run, compare, agents, scenarios, show, record, play, train, tables, report, replay, publish,
+    run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
+    export, publish,
 ):  # fmt: skip
     app.command()(command)
+app.command("import")(import_results)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the user's mistakes become one red line and exit code 2."""
     try:
-        app(args=None if arguments is None else list(arguments), prog_name="crowdbench")
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            app(args=None if arguments is None else list(arguments), prog_name="crowdbench")
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
-    except (UserError, ScenarioError, AgentError, ResultsError) as error:
+    except (
+        UserError, ScenarioError, AgentError, ResultsError, MetricError, UnknownNameError
+    ) as error:  # fmt: skip
         console = err()
         console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)
         return 2
     return 0
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """A warning as one yellow line, without the place in the code."""
+    text = " ".join(f"warning: {message}".split())
+    err().print(text, style="yellow", markup=False, soft_wrap=True)
 
 
 def _version(wanted: bool) -> None:

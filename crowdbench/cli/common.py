@@ -18,17 +18,6 @@ RESULTS = Path("crowdbench-results")
 PUBLISHED = Path("results")
 """Where the published record and what follows from it are in a checkout."""
 
-TABLE_METRICS = (
-    "success",
-    "spl",
-    "smoothness",
-    "inference_s",
-    "cutoff",
-    "min_dist",
-    "ttc_below_1s",
-)
-"""What tables show unless other metrics are asked for."""
-
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field, e.g. pedestrians.count=12."),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.agent import AgentSpec
-from crowdbench.cli.common import RESULTS, TABLE_METRICS, ResultsOption, UserError, out
+from crowdbench.cli.common import RESULTS, ResultsOption, UserError, out
 from crowdbench.messages import nearest
 
 if TYPE_CHECKING:
@@ -32,18 +32,20 @@ def compare(
     """Compare two agents on shared episodes, your own and published ones."""
     from crowdbench.cli.printing import print_comparison, print_published
     from crowdbench.evaluation.metrics import METRICS
-    from crowdbench.evaluation.statistics import PairingError
+    from crowdbench.evaluation.statistics import PairingError, per_episode
     from crowdbench.evaluation.statistics import compare as compare_tables
 
-    chosen = list(dict.fromkeys(metric or TABLE_METRICS))
-    for name in chosen:
-        if name not in METRICS:
-            raise UserError(f"unknown metric {name!r}{nearest(name, list(METRICS))}")
+    main = [name for name, entry in METRICS.items() if entry.main]
+    chosen = {name: METRICS[name] for name in metric or main}
     a, b = (_stored(results, text, scenario) for text in (first, second))
+    for text, rows in ((first, a), (second, b)):
+        for name in metric or []:
+            if name not in rows:
+                raise UserError(f"{results}: the episodes of {text} are older than metric {name!r}")
     same = ["scenario", "scenario_digest"]
     a, b = a.merge(b[same].drop_duplicates()), b.merge(a[same].drop_duplicates())
     try:
-        table = compare_tables(_per_seed(a, chosen), _per_seed(b, chosen), chosen)
+        table = compare_tables(per_episode(a, chosen), per_episode(b, chosen), list(chosen))
     except PairingError as error:
         raise UserError(f"{first} and {second} cannot be compared: {error}") from error
     console = out()
@@ -72,8 +74,3 @@ def _stored(folder: Path, text: str, scenarios: Sequence[str] | None) -> pd.Data
                 hint = f"; the record of {scenario!r} is of another definition than today's"
             raise UserError(f"{folder}: no episodes of {name!r} in scenario {scenario!r}{hint}")
     return rows[rows["scenario"].isin(scenarios)] if scenarios else rows
-
-
-def _per_seed(rows: pd.DataFrame, metrics: list[str]) -> pd.DataFrame:
-    """One row per episode: the robots of one episode are no independent observations."""
-    return rows.groupby(["scenario", "seed"], as_index=False, sort=False)[metrics].mean()

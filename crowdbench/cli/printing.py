@@ -7,29 +7,19 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from crowdbench.cli.common import TABLE_METRICS
+from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, ResultsStore
-from crowdbench.evaluation.statistics import Estimate, bootstrap_interval, wilson_interval
+from crowdbench.evaluation.statistics import Estimate, estimate, per_episode
 
 Rows = Mapping[Cell, pd.DataFrame]
 SIGNIFICANT = 0.05
 _LONGEST_UNIT = 6
-_NOTHING = 1e-12
-"""Below this a difference of rounded numbers is zero."""
-
-
-def estimate(rows: pd.DataFrame, metric: str) -> Estimate:
-    """Mean of a metric with its 95 % interval: Wilson for success, BCa bootstrap otherwise."""
-    if metric == "success":
-        return wilson_interval(rows[metric])
-    return bootstrap_interval(rows[metric], np.random.default_rng(0))
 
 
 def print_tables(console: Console, store: ResultsStore, rows: Rows, published: Rows) -> None:
@@ -52,8 +42,11 @@ def print_tables(console: Console, store: ResultsStore, rows: Rows, published: R
         columns = [
             part for cell in cells for part in (rows[cell], published.get(cell)) if part is not None
         ]
-        for name in TABLE_METRICS:
-            table.add_row(_heading(name), *(_interval(estimate(part, name)) for part in columns))
+        episodes = [per_episode(part, METRICS) for part in columns]
+        for name, metric in METRICS.items():
+            if metric.main:
+                found = [estimate(metric, values[name]) for values in episodes]
+                table.add_row(_heading(name), *(_interval(metric, item) for item in found))
         table.add_row("episodes", *(str(len(part)) for part in columns))
         table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
@@ -84,13 +77,14 @@ def print_comparison(console: Console, table: pd.DataFrame, first: str, second: 
         for heading in ("p", "Holm", "pairs"):
             shown.add_column(heading, justify="right", no_wrap=True)
         for line in lines.itertuples():
+            metric = METRICS[line.metric]
             difference = Estimate(line.difference, line.low, line.high, line.n)
             star = " *" if line.p_holm < SIGNIFICANT else ""
             shown.add_row(
                 _heading(line.metric),
-                _number(line.mean_a),
-                _number(line.mean_b),
-                _interval(difference) + star,
+                _number(metric, line.mean_a),
+                _number(metric, line.mean_b),
+                _interval(metric, difference, beside=max(abs(line.low), abs(line.high))) + star,
                 _p_value(line.p),
                 _p_value(line.p_holm),
                 str(line.n),
@@ -131,6 +125,7 @@ def _table(title: str) -> Table:
 
 def _cell_document(store: ResultsStore, cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     failed = rows[rows["outcome"] == "agent_error"]
+    values = per_episode(rows, METRICS)
     return {
         "scenario": cell.scenario,
         "scenario_digest": cell.scenario_digest,
@@ -140,7 +135,10 @@ def _cell_document(store: ResultsStore, cell: Cell, rows: pd.DataFrame) -> dict[
         "file": str(store.path),
         "episodes": len(rows),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
-        "metrics": {name: _estimate_document(estimate(rows, name)) for name in METRICS},
+        "metrics": {
+            name: _estimate_document(estimate(metric, values[name]))
+            for name, metric in METRICS.items()
+        },
         "errors": [
             {"seed": int(seed), "error": error}
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
@@ -172,30 +170,23 @@ def _endings(rows: pd.DataFrame) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-def _heading(metric: str) -> str:
-    unit, better = METRICS[metric].unit, METRICS[metric].better
-    arrow = "↑" if better == "higher" else "↓"
-    return f"{metric} {arrow}" + escape(f" [{unit}]" if 0 < len(unit) <= _LONGEST_UNIT else "")
+def _heading(name: str) -> str:
+    metric = METRICS[name]
+    unit = f" [{metric.printed_unit}]" if 0 < len(metric.printed_unit) <= _LONGEST_UNIT else ""
+    return f"{name} {metric.arrow}" + escape(unit)
 
 
-def _interval(value: Estimate) -> str:
-    if math.isnan(value.mean):
-        return "-"
+def _interval(metric: Metric, value: Estimate, beside: float | None = None) -> str:
+    """Mean and limits, with the decimals of the mean or of ``beside``."""
     if math.isnan(value.low):
-        return _number(value.mean)
-    return escape(f"{_number(value.mean)} [{_number(value.low)}, {_number(value.high)}]")
+        return _number(metric, value.mean)
+    decimals_of = value.mean if beside is None else beside
+    mean, low, high = (metric.number(number, beside=decimals_of) for number in value[:3])
+    return escape(f"{mean} [{low}, {high}]")
 
 
-def _number(value: float) -> str:
-    """At least two significant digits."""
-    if math.isnan(value):
-        return "-"
-    size = abs(value)
-    if size < _NOTHING:
-        return "0"
-    if size >= 1:
-        return f"{value:.3g}" if size < 1000 else f"{value:.0f}"
-    return f"{value:.3f}" if size >= 0.01 else f"{value:.2g}"
+def _number(metric: Metric, value: float) -> str:
+    return "-" if math.isnan(value) else metric.number(value)
 
 
 def _p_value(p: float) -> str:

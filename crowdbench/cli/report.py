@@ -12,7 +12,6 @@ from crowdbench.cli.common import (
     DEFAULT_STUDY,
     PUBLISHED,
     RESULTS,
-    TABLE_METRICS,
     AloneOption,
     UserError,
     out,
@@ -42,8 +41,7 @@ def report(
         )
     with tempfile.TemporaryDirectory(prefix="crowdbench-figures-") as folder:
         tables, figures = _of_study(rows, results or PUBLISHED, Path(folder))
-        page = output or (results or RESULTS) / "report"
-        site = write_report_page(rows, page, TABLE_METRICS, tables, figures)
+        site = write_report_page(rows, output or (results or RESULTS) / "report", tables, figures)
     out().print(
         f"{site.page}: {site.cells} leaderboard lines from {site.episodes:,} episodes, "
         f"{site.replays:,} replays",

@@ -51,11 +51,13 @@ def run(
     Where the same agent has published episodes in the same scenario, their figures stand beside.
     """
     from crowdbench.cli.progress import ProgressBar
+    from crowdbench.evaluation.metrics import METRICS
     from crowdbench.evaluation.pool import Limits
     from crowdbench.evaluation.results import ResultsStore
     from crowdbench.evaluation.runner import Task, UnfaithfulError
     from crowdbench.evaluation.runner import run as run_tasks
 
+    list(METRICS.values())  # a broken one of another package is named before anything is run
     changes = parse_overrides(overrides or [])
     names = dict.fromkeys(scenario or [DEFAULT_SCENARIO])
     worlds = [load_scenario(name, **changes) for name in names]

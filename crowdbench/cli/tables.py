@@ -30,7 +30,7 @@ _BETWEEN_LINES = 60.0
 
 def tables(
     study: Annotated[
-        str, typer.Argument(metavar="[STUDY]", help="Name of a study, or FILE.py with one.")
+        str, typer.Argument(metavar="STUDY", help="Name of a study, or FILE.py with one.")
     ] = DEFAULT_STUDY,
     run: Annotated[
         bool, typer.Option("--run", help="Run the episodes that are missing first.")
@@ -40,11 +40,10 @@ def tables(
     ] = None,
     results: AloneOption = None,
 ) -> None:
-    """Write a study's tables and figures, by default those of the paper.
+    """Write a study's tables, verdicts, figures and page from the stored episodes.
 
-    They are made from published and stored episodes, as are the verdicts and the README.md beside
-    them. The default study is written to results/ (or the folder of --results), others to
-    studies/NAME in the folder of local results.
+    They are made from published rows and one's own. The default study goes to results/ (or the
+    folder of --results), others go to studies/NAME in the folder of one's own results.
     """
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.measured import OUTCOMES, is_proportion
 from crowdbench.evaluation.results import Cell, Origin, Result
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 
@@ -121,6 +123,11 @@ def _result(cell: Cell, row: Mapping[str, str], motions: Mapping[Key, Motion]) -
         actions,
         times,
     )
+    if result.outcome not in OUTCOMES or result.steps < 0 or seed < 0:
+        raise ValueError(f"outcome {result.outcome}, steps {result.steps}, seed {seed}")
+    for name, value in result.metrics.items():
+        if is_proportion(name) and not (value in (0, 1) or math.isnan(value)):
+            raise ValueError(f"{name} is {value}, expected 0, 1 or nan")
     if actions is not None and len(actions) != result.steps:
         raise ValueError(f"{result.steps} steps, but the whole episode has {len(actions)}")
     return result

@@ -10,12 +10,21 @@ import json
 import sqlite3
 from collections.abc import Iterable, Mapping
 
+OUTCOMES = ("success", "collision", "timeout", "agent_error")
+
 
 def definitions(names: Iterable[str]) -> dict[str, str]:
     """What metrics are said to measure; empty for those that nothing here computes."""
     from crowdbench.evaluation.metrics import METRICS
 
     return {name: METRICS[name].definition if name in METRICS else "" for name in names}
+
+
+def is_proportion(name: str) -> bool:
+    """Whether a metric is a yes or a no for each episode."""
+    from crowdbench.evaluation.metrics import METRICS
+
+    return name in METRICS and METRICS[name].kind == "proportion"
 
 
 def metric_set(connection: sqlite3.Connection, described: Mapping[str, str]) -> int:

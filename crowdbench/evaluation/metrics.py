@@ -1,6 +1,6 @@
 """Metrics: one pure function of an Episode each; docs/metrics.md has formulas and fixtures.
 
-``METRICS`` is the registry, in the order of the tables. A value that is not defined for an
+``METRICS`` at the end says all that has to be known of them. A value that is not defined for an
 episode (the smoothness of one action, a distance to pedestrians where there are none) is NaN and
 leaves that episode out of the metric's mean. "Steps" are the T states after each action.
 """
@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.evaluation import interactions
 from crowdbench.evaluation.episode import Episode
+from crowdbench.evaluation.metric import Direction, Metric
 from crowdbench.evaluation.shortest_path import shortest_path
+from crowdbench.registry import Registry
 from crowdbench.simulation.contact import ContactKind
 
 TTC_LIMIT = 1.0
@@ -29,26 +29,14 @@ PERSONAL_SPACE = 1.2
 """Hall's zones around a person, between surfaces [m]."""
 
 
-@dataclass(frozen=True)
-class Metric:
-    """A number that an episode yields.
-
-    Attributes:
-        function: computes it; NaN where it is not defined.
-        unit: empty for shares.
-        better: the direction of improvement.
-        definition: one line.
-    """
-
-    function: Callable[[Episode], float]
-    unit: str
-    better: Literal["higher", "lower"]
-    definition: str
-
-
 def metrics(episode: Episode) -> dict[str, float]:
-    """Every metric of an episode by name, in the order of ``METRICS``."""
-    return {name: metric.function(episode) for name, metric in METRICS.items()}
+    """Every metric of an episode by name, in the order of ``METRICS``.
+
+    Raises:
+        MetricError: one that cannot be computed.
+        UnknownNameError: one of another package that cannot be loaded.
+    """
+    return {name: metric.measure(name, episode) for name, metric in METRICS.items()}
 
 
 def success(episode: Episode) -> float:
@@ -225,46 +213,84 @@ def _mean(values: NDArray[np.floating] | NDArray[np.bool_]) -> float:
     return float(values.mean()) if values.size else math.nan
 
 
-METRICS: dict[str, Metric] = {
-    "success": Metric(success, "", "higher", "goal reached in time without any contact"),
-    "spl": Metric(spl, "", "higher", "success weighted by shortest over driven path length"),
+def _proportion(
+    function: Callable[[Episode], float], better: Direction, definition: str, main: bool = False
+) -> Metric:
+    return Metric(function, "", better, definition, "proportion", main, digits=3)
+
+
+def _share_of_steps(function: Callable[[Episode], float], what: str, main: bool = False) -> Metric:
+    definition = f"share of steps {what}"
+    return Metric(
+        function, "", "lower", definition, "mean", main, printed_unit="%", scale=100, digits=1
+    )
+
+
+_BUILT_IN = {
+    "success": _proportion(
+        success, "higher", "goal reached in time without any contact", main=True
+    ),
+    "spl": Metric(
+        spl, "", "higher", "success weighted by shortest over driven path length", "mean",
+        main=True, label="SPL", digits=3,
+    ),
     "smoothness": Metric(
-        smoothness, "m²/s² + rad²/s²", "lower", "mean squared change between actions"
+        smoothness, "m²/s² + rad²/s²", "lower", "mean squared change between actions",
+        "mean", main=True, digits=3,
     ),
-    "inference_s": Metric(inference_s, "s", "lower", "mean wall-clock time in act per step"),
+    "inference_s": Metric(
+        inference_s, "s", "lower", "mean wall-clock time in act per step", "mean", main=True,
+        label="inference", printed_unit="ms", scale=1000,
+    ),
     "cutoff": Metric(
-        cutoff, "events", "lower", "crossings ahead of a walking pedestrian with a gap below 2 s"
+        cutoff, "events", "lower", "crossings ahead of a walking pedestrian with a gap below 2 s",
+        "count", main=True, digits=2,
     ),
-    "min_dist": Metric(min_dist, "m", "higher", "least distance to a pedestrian, centres"),
+    "min_dist": Metric(
+        min_dist, "m", "higher", "least distance to a pedestrian, centres", "mean", main=True,
+        digits=3,
+    ),
     "min_clearance": Metric(
-        min_clearance, "m", "higher", "least distance to a pedestrian, surfaces"
+        min_clearance, "m", "higher", "least distance to a pedestrian, surfaces", "mean", digits=3
     ),
-    "ttc_below_1s": Metric(
-        ttc_below_1s, "", "lower", "share of steps with a time to collision below 1 s"
+    "ttc_below_1s": _share_of_steps(
+        ttc_below_1s, "with a time to collision below 1 s", main=True
     ),
-    "collision_pedestrian": Metric(
-        _collision_with("pedestrian"), "", "lower", "ended in contact with a pedestrian"
+    "collision_pedestrian": _proportion(
+        _collision_with("pedestrian"), "lower", "ended in contact with a pedestrian"
     ),
-    "collision_obstacle": Metric(
-        _collision_with("obstacle"), "", "lower", "ended in contact with a static obstacle"
+    "collision_obstacle": _proportion(
+        _collision_with("obstacle"), "lower", "ended in contact with a static obstacle"
     ),
-    "collision_wall": Metric(_collision_with("wall"), "", "lower", "ended in contact with a wall"),
-    "collision_robot": Metric(
-        _collision_with("robot"), "", "lower", "ended in contact with another robot"
+    "collision_wall": _proportion(
+        _collision_with("wall"), "lower", "ended in contact with a wall"
     ),
-    "robot_at_fault": Metric(
-        robot_at_fault, "", "lower", "of the collisions, those the robot drove into"
+    "collision_robot": _proportion(
+        _collision_with("robot"), "lower", "ended in contact with another robot"
     ),
-    "timeout": Metric(timeout, "", "lower", "ended by the time limit"),
-    "time_to_goal": Metric(time_to_goal, "s", "lower", "time until arrival, successes only"),
-    "path_length": Metric(path_length, "m", "lower", "length of the driven path"),
-    "stalled_time": Metric(stalled_time, "s", "lower", "time slower than 0.05 m/s"),
-    "jerk": Metric(jerk, "m/s³", "lower", "mean second difference of the velocity vector"),
-    "intimate_space_share": Metric(
-        intimate_space_share, "", "lower", "share of steps within 0.45 m of a pedestrian, surfaces"
+    "robot_at_fault": _proportion(
+        robot_at_fault, "lower", "of the collisions, those the robot drove into"
     ),
-    "personal_space_share": Metric(
-        personal_space_share, "", "lower", "share of steps within 1.2 m of a pedestrian, surfaces"
+    "timeout": _proportion(timeout, "lower", "ended by the time limit"),
+    "time_to_goal": Metric(
+        time_to_goal, "s", "lower", "time until arrival, successes only", "mean", digits=1
     ),
-}
-"""Every metric by name, in the order of the tables."""
+    "path_length": Metric(
+        path_length, "m", "lower", "length of the driven path", "mean", digits=2
+    ),
+    "stalled_time": Metric(
+        stalled_time, "s", "lower", "time slower than 0.05 m/s", "mean", digits=2
+    ),
+    "jerk": Metric(
+        jerk, "m/s³", "lower", "mean second difference of the velocity vector", "mean", digits=2
+    ),
+    "intimate_space_share": _share_of_steps(
+        intimate_space_share, "within 0.45 m of a pedestrian, surfaces"
+    ),
+    "personal_space_share": _share_of_steps(
+        personal_space_share, "within 1.2 m of a pedestrian, surfaces"
+    ),
+}  # fmt: skip
+
+METRICS: Registry[Metric] = Registry("metric", "crowdbench.metrics", _BUILT_IN, of=Metric)
+"""Every metric by name: crowdbench's own in the order of the tables, then those of packages."""

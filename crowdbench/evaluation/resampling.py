@@ -1,48 +1,58 @@
-"""Hundreds of intervals and paired tests in a second: one set of draws for all of the same size.
+"""Bootstrap and permutations of one sample: hundreds in a second, in bounded memory.
 
-The methods are those of ``crowdbench.evaluation.statistics`` (BCa bootstrap, two-sided paired
-permutation test), the numbers the same up to the chance of the draws. What differs is the cost: a
-report has hundreds of samples of few sizes, and drawing is nearly all of the work. Draws as a
-matrix turn each sample into one product of that matrix and the sample.
+A report has hundreds of samples of few sizes, and drawing is nearly all of the work. So all samples
+of one size share their draws: a matrix, kept in one byte per number, whose product with a sample is
+everything that is asked of it. Samples of a size that is too large to keep are drawn for anew,
+block by block.
+
+The draws belong to places in the sample: give values in the order of their seeds, and the same
+episodes have the same interval wherever it is printed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from crowdbench.evaluation.statistics import CONFIDENCE, RESAMPLES, Estimate
+CONFIDENCE = 0.95
+RESAMPLES = 9999
 
 _SEED = 0
-_BATCH = 1_000_000
-"""Draws made at a time; bounds the memory they take."""
+_BLOCK = 100_000
+"""Numbers drawn at a time."""
+_LONGEST_KEPT = 4000
+"""Values of a sample whose draws are kept: 40 MB."""
 _SAME = 1e-12
 """Values this close, relative to the largest, differ by rounding alone."""
 _TIE = 1e-9
 """Sums that differ by less than this share of their terms are equal, whatever the rounding."""
 
+Draws = Callable[[int], Iterator[NDArray[np.integer]]]
 
-def bootstrap_mean(values: NDArray[np.float64]) -> Estimate:
-    """Mean with its BCa bootstrap interval (Efron 1987, sections 2 and 7).
 
-    One value has no interval (NaN), equal values have one of width zero.
+def bootstrap_limits(sample: NDArray[np.float64]) -> tuple[float, float]:
+    """The BCa bootstrap interval of a mean (Efron 1987, sections 2 and 7).
+
+    One value or none says nothing about the spread: NaN. Equal values give a width of zero.
 
     Args:
-        values: (n,) NaN is left out.
+        sample: (n,) without NaN.
+
+    Returns:
+        Both limits, for ``CONFIDENCE``.
     """
-    sample = values[~np.isnan(values)]
     n = len(sample)
-    if n == 0:
-        return Estimate(np.nan, np.nan, np.nan, 0)
+    if n < 2:
+        return np.nan, np.nan
     mean, spread = float(sample.mean()), float(np.ptp(sample))
-    if n == 1 or spread <= _SAME * np.abs(sample).max():
-        limit = mean if n > 1 else np.nan
-        return Estimate(mean, limit, limit, n)
+    if spread <= _SAME * np.abs(sample).max():
+        return mean, mean
     deviation = (sample - mean) / spread
-    means = _counts(n) @ deviation / n
+    means = _products(_counts, deviation) / n
     # Bias: where the mean stands among the resampled ones, ties counting half.
     below = (np.mean(means < -_TIE) + np.mean(means <= _TIE)) / 2
     z0 = ndtri(below)
@@ -50,7 +60,7 @@ def bootstrap_mean(values: NDArray[np.float64]) -> Estimate:
     acceleration = np.sum(deviation**3) / (6 * np.sum(deviation**2) ** 1.5)
     z = z0 + ndtri([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     low, high = np.quantile(means, ndtr(z0 + z / (1 - acceleration * z)))
-    return Estimate(mean, mean + spread * float(low), mean + spread * float(high), n)
+    return mean + spread * float(low), mean + spread * float(high)
 
 
 def sign_flip_p(differences: NDArray[np.float64]) -> float:
@@ -59,42 +69,61 @@ def sign_flip_p(differences: NDArray[np.float64]) -> float:
     Exact when the 2^n ways to swap are no more than ``RESAMPLES``, else drawn at random.
 
     Args:
-        differences: (n,) NaN is left out.
+        differences: (n,) without NaN.
 
     Returns:
         NaN without pairs; 1 for a single pair or when all pairs are equal.
     """
-    sample = differences[~np.isnan(differences)]
-    if not len(sample):
+    n = len(differences)
+    if not n:
         return np.nan
-    if len(sample) == 1 or not np.any(sample):
+    if n == 1 or not np.any(differences):
         return 1.0
-    signs = _signs(len(sample))
-    as_extreme = np.abs(signs @ sample) >= abs(sample.sum()) - _TIE * np.abs(sample).sum()
-    if len(signs) == 2 ** len(sample):
-        return float(np.mean(as_extreme))
-    return float((1 + np.count_nonzero(as_extreme)) / (1 + len(signs)))
+    few = n < RESAMPLES.bit_length()
+    sums = np.abs(_products(_all_signs if few else _signs, differences))
+    least = abs(differences.sum()) - _TIE * np.abs(differences).sum()
+    as_extreme = np.count_nonzero(sums >= least)
+    return float(as_extreme / len(sums) if few else (1 + as_extreme) / (1 + len(sums)))
 
 
-@lru_cache(maxsize=4)
-def _counts(n: int) -> NDArray[np.float64]:
-    """(RESAMPLES, n) how often each of n values is drawn in each resample."""
+def _products(draws: Draws, sample: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) each draw's product with the sample."""
+    n = len(sample)
+    blocks = _kept(draws, n) if n <= _LONGEST_KEPT else draws(n)
+    return np.concatenate([block.astype(np.float64) @ sample for block in blocks])
+
+
+@lru_cache(maxsize=6)
+def _kept(draws: Draws, n: int) -> list[NDArray[np.integer]]:
+    return list(draws(n))
+
+
+def _counts(n: int) -> Iterator[NDArray[np.integer]]:
+    """(rows, n) how often each of n values is drawn in each resample, RESAMPLES rows in all."""
     rng = np.random.default_rng([_SEED, n])
-    counts = np.empty((RESAMPLES, n))
-    step = max(1, _BATCH // n)
-    for start in range(0, RESAMPLES, step):
-        rows = min(step, RESAMPLES - start)
+    for rows in _rows(max(1, _BLOCK // n)):
         drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        counts[start : start + rows] = np.bincount(drawn.ravel(), minlength=rows * n).reshape(-1, n)
-    return counts
+        counts = np.bincount(drawn.ravel(), minlength=rows * n).reshape(-1, n)
+        # More than 255 times the same one of n > 255 values: less likely than 1e-500.
+        yield counts.astype(np.uint8)
 
 
-@lru_cache(maxsize=4)
-def _signs(n: int) -> NDArray[np.float64]:
-    """(m, n) signs of the differences after each swap: all 2^n, or RESAMPLES drawn ones."""
-    if 2**n <= RESAMPLES:
-        swapped = np.arange(2**n)[:, None] >> np.arange(n) & 1
-        return 1.0 - 2.0 * swapped.astype(np.float64)
-    packed = np.random.default_rng([_SEED, n]).bytes(RESAMPLES * -(-n // 8))
-    bits = np.frombuffer(packed, np.uint8).reshape(RESAMPLES, -1)
-    return 1.0 - 2.0 * np.unpackbits(bits, axis=1, count=n).astype(np.float64)
+def _all_signs(n: int) -> Iterator[NDArray[np.integer]]:
+    """(2^n, n) signs of the differences after each way to swap pairs."""
+    swapped = np.arange(2**n)[:, None] >> np.arange(n) & 1
+    yield (1 - 2 * swapped).astype(np.int8)
+
+
+def _signs(n: int) -> Iterator[NDArray[np.integer]]:
+    """(rows, n) the same for swaps drawn at random, RESAMPLES rows in all."""
+    rng, width = np.random.default_rng([_SEED, n]), -(-n // 8)
+    # The generator gives four bytes at a time: rows by fours leave none over between blocks.
+    for rows in _rows(4 * max(1, _BLOCK // (4 * n))):
+        packed = np.frombuffer(rng.bytes(rows * width), np.uint8).reshape(rows, width)
+        yield 1 - 2 * np.unpackbits(packed, axis=1, count=n).astype(np.int8)
+
+
+def _rows(most: int) -> Iterator[int]:
+    """RESAMPLES in pieces."""
+    for start in range(0, RESAMPLES, most):
+        yield min(most, RESAMPLES - start)

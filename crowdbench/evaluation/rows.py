@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.database import ResultsError
-from crowdbench.evaluation.measured import quoted
+from crowdbench.evaluation.measured import OUTCOMES, is_proportion, quoted
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, Origin
 
@@ -21,7 +21,6 @@ _FIRST = (*_CELL, "seed", "robot", "outcome")
 _LAST = ("steps", "error", "diagnostics", *(field.name for field in fields(Origin)))
 _INTEGERS = ("seed", "steps")
 _TEXTS = ("version", "robot", "outcome", "error", "diagnostics", *_LAST[3:])
-_OUTCOMES = ("success", "collision", "timeout", "agent_error")
 _CHUNK = 4096
 
 
@@ -97,14 +96,14 @@ def _cell_columns(
 
 def _check(frame: pd.DataFrame, metrics: Sequence[str], path: Path) -> None:
     wrong: dict[str, tuple[NDArray[np.bool_], str]] = {
-        "outcome": (~frame["outcome"].isin(_OUTCOMES).to_numpy(), ", ".join(_OUTCOMES)),
+        "outcome": (~frame["outcome"].isin(OUTCOMES).to_numpy(), ", ".join(OUTCOMES)),
         "steps": (frame["steps"].to_numpy() < 0, "0 or more"),
         "seed": (frame["seed"].to_numpy() < 0, "0 or more"),
     }
     for name in metrics:
-        if name in METRICS and not METRICS[name].unit:
+        if is_proportion(name):
             values = frame[name].to_numpy()
-            wrong[name] = ((values < 0) | (values > 1), "0 to 1")
+            wrong[name] = (~np.isin(values, (0, 1)) & ~np.isnan(values), "0, 1 or nothing")
     for name, (rows, allowed) in wrong.items():
         if rows.any():
             row = frame.iloc[int(rows.argmax())]

@@ -106,8 +106,8 @@ def run(
     require_writable(folder)
     for task in tasks:
         _require_known(task.agent.name)
-    jobs = jobs or _cores()
-    machine = machine_name(threads=1 if jobs > 1 else _cores())
+    jobs = jobs or core_count()
+    machine = machine_name(threads=1 if jobs > 1 else core_count())
     with Pool(jobs, limits or Limits()) as pool:
         pool.prepare(sum(len(task.seeds) for task in tasks))
         identities = _identify(pool, [task.agent for task in tasks])
@@ -151,7 +151,7 @@ def machine_name(threads: int) -> str:
         name = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
     except (OSError, StopIteration):  # not Linux, or a processor without a name
         pass
-    return f"{name}, {_cores()} cores, {threads} thread{'s' * (threads > 1)} per agent"
+    return f"{name}, {core_count()} cores, {threads} thread{'s' * (threads > 1)} per agent"
 
 
 def _require_known(name: str) -> None:
@@ -206,6 +206,6 @@ def _checked(answer: Answer) -> Done | Described:
     return answer
 
 
-def _cores() -> int:
+def core_count() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

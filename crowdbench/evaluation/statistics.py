@@ -1,13 +1,16 @@
-"""Intervals and paired tests: how sure a number is, and whether two agents really differ.
+"""How sure a number is, and whether two agents really differ: the one place that says so.
 
-Proportions get Wilson's interval, means the BCa bootstrap. Agents that ran the same seeds are
+Proportions get Wilson's interval, other means the BCa bootstrap. Agents that ran the same seeds are
 compared seed by seed: the permutation test asks how often a difference as large as the measured
 one would arise if, on every seed, it were a coin toss which agent produced which value.
+
+Resampling is the same every time, and its draws belong to places: the same values in the same
+order have the same interval wherever it is printed. All callers go by seed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +18,9 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
-
-CONFIDENCE = 0.95
-RESAMPLES = 9999
-_BATCH = 1_000_000
-"""Values drawn at a time; bounds the memory of resampling."""
+from crowdbench.evaluation.resampling import CONFIDENCE, bootstrap_limits, sign_flip_p
 
 
 class PairingError(ValueError):
@@ -28,7 +28,7 @@ class PairingError(ValueError):
 
 
 class Estimate(NamedTuple):
-    """A mean with its confidence interval; NaN where nothing can be said."""
+    """A mean with its 95 % interval over n values; NaN where nothing can be said."""
 
     mean: float
     low: float
@@ -36,35 +36,49 @@ class Estimate(NamedTuple):
     n: int
 
 
-def wilson_interval(values: ArrayLike, confidence: float = CONFIDENCE) -> Estimate:
+class Difference(NamedTuple):
+    """A mean paired difference over n pairs with its 95 % interval and p-value."""
+
+    mean: float
+    low: float
+    high: float
+    n: int
+    p: float
+
+
+def estimate(metric: Metric, values: ArrayLike) -> Estimate:
+    """Mean and interval of a metric, as everything that is printed has it.
+
+    Args:
+        metric: whose kind decides on the interval.
+        values: (n,) one per episode, in the order of the seeds; NaN is left out. A proportion that
+            was averaged over the robots of an episode is a mean like any other.
+    """
+    sample = _defined(values)
+    shares = metric.kind == "proportion" and bool(np.isin(sample, (0.0, 1.0)).all())
+    return wilson_interval(sample) if shares else mean_interval(sample)
+
+
+def wilson_interval(values: ArrayLike) -> Estimate:
     """Share of ones with Wilson's score interval (Wilson 1927).
 
     Args:
         values: (n,) zeros and ones; NaN is left out.
-        confidence: between 0 and 1.
+
+    Raises:
+        ValueError: another value.
     """
     sample = _defined(values)
-    if np.any((sample != 0) & (sample != 1)):
+    if not np.isin(sample, (0.0, 1.0)).all():
         raise ValueError("wilson_interval: values must be 0 or 1")
-    n = len(sample)
+    n, ones = len(sample), int(sample.sum())
     if n == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    p = float(sample.mean())
-    z = float(stats.norm.ppf((1 + confidence) / 2))
-    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    # Exact at 0 and 1, where centre and half cancel up to a rounding error.
-    low = 0.0 if p == 0 else float(centre - half)
-    high = 1.0 if p == 1 else float(centre + half)
-    return Estimate(p, low, high, n)
+    low, high = stats.binomtest(ones, n).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(ones / n, float(low), float(high), n)
 
 
-def bootstrap_interval(
-    values: ArrayLike,
-    rng: np.random.Generator,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-) -> Estimate:
+def mean_interval(values: ArrayLike) -> Estimate:
     """Mean with its BCa bootstrap interval (Efron 1987).
 
     One value says nothing about its spread: its interval is NaN. Equal values give an interval of
@@ -72,62 +86,34 @@ def bootstrap_interval(
 
     Args:
         values: (n,) NaN is left out.
-        rng: source of the resampling.
-        confidence: between 0 and 1.
-        resamples: how often to resample.
     """
     sample = _defined(values)
-    n = len(sample)
-    mean = float(sample.mean()) if n else np.nan
-    if n < 2:
-        return Estimate(mean, np.nan, np.nan, n)
-    spread = float(np.ptp(sample))
-    if spread == 0:
-        return Estimate(mean, mean, mean, n)
-    # BCa moves and scales with the sample; near one its moments neither vanish nor overflow.
-    interval = stats.bootstrap(
-        ((sample - mean) / spread,),
-        np.mean,
-        confidence_level=confidence,
-        n_resamples=resamples,
-        method="BCa",
-        rng=rng,
-        batch=max(1, _BATCH // n),
-    ).confidence_interval
-    return Estimate(mean, mean + spread * interval.low, mean + spread * interval.high, n)
+    mean = float(sample.mean()) if len(sample) else np.nan
+    return Estimate(mean, *bootstrap_limits(sample), len(sample))
 
 
-def paired_permutation_test(
-    a: ArrayLike, b: ArrayLike, rng: np.random.Generator, resamples: int = RESAMPLES
-) -> float:
-    """Two-sided p-value of the mean difference of paired values.
-
-    Exact when the 2^n ways to swap pairs are no more than ``resamples``, else drawn at random.
+def paired_difference(differences: ArrayLike) -> Difference:
+    """Mean of paired differences: BCa interval and two-sided paired permutation test.
 
     Args:
-        a: (n,) one agent's values; a pair with a NaN is left out.
-        b: (n,) the other's, in the same order.
-        rng: source of the permutations.
-        resamples: how many permutations at most.
-
-    Returns:
-        NaN without pairs; 1 for a single pair or when all pairs are equal.
+        differences: (n,) one per seed, in the order of the seeds; NaN is left out.
     """
-    difference = _defined(np.asarray(a, dtype=float) - np.asarray(b, dtype=float))
-    if not len(difference):
-        return np.nan
-    if len(difference) == 1 or not np.any(difference):
-        return 1.0
-    # Swapping a pair changes the sign of its difference.
-    result = stats.permutation_test(
-        (difference,),
-        np.mean,
-        permutation_type="samples",
-        n_resamples=resamples,
-        rng=rng,
-        batch=max(1, _BATCH // len(difference)),
-    )
-    return float(result.pvalue)
+    sample = _defined(differences)
+    return Difference(*mean_interval(sample), sign_flip_p(sample))
+
+
+def per_episode(rows: pd.DataFrame, metrics: Iterable[str]) -> pd.DataFrame:
+    """One row per scenario and seed, in that order, with the means over the episode's robots.
+
+    The robots of one episode are no independent observations.
+
+    Args:
+        rows: one per episode and robot, with columns ``scenario``, ``seed`` and the metrics.
+        metrics: those to keep; NaN where the rows are older than the metric.
+    """
+    episode = ["scenario", "seed"]
+    kept = rows.reindex(columns=[*episode, *metrics])
+    return kept.groupby(episode, as_index=False).mean()
 
 
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
@@ -147,23 +133,13 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     return adjusted
 
 
-def compare(
-    a: pd.DataFrame,
-    b: pd.DataFrame,
-    metrics: Sequence[str] | None = None,
-    seed: int = 0,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-) -> pd.DataFrame:
+def compare(a: pd.DataFrame, b: pd.DataFrame, metrics: Sequence[str] | None = None) -> pd.DataFrame:
     """Compare two agents on the seeds both ran, per scenario and metric.
 
     Args:
         a: one row per episode with columns ``scenario``, ``seed`` and the metrics.
         b: the same for the other agent.
         metrics: which to compare; by default all of ``METRICS`` that both tables have.
-        seed: of the resampling; the same for every row, so rows do not depend on each other.
-        confidence: of the intervals.
-        resamples: of each interval and test.
 
     Returns:
         One row per scenario that both ran and metric: ``scenario``, ``metric``, ``n`` (pairs with
@@ -191,18 +167,18 @@ def compare(
             x, y = one[metric].to_numpy(dtype=float), other[metric].to_numpy(dtype=float)
             both = ~(np.isnan(x) | np.isnan(y))
             x, y = x[both], y[both]
-            interval = bootstrap_interval(x - y, np.random.default_rng(seed), confidence, resamples)
+            difference = paired_difference(x - y)
             rows.append(
                 {
                     "scenario": scenario,
                     "metric": metric,
-                    "n": interval.n,
+                    "n": difference.n,
                     "mean_a": x.mean() if len(x) else np.nan,
                     "mean_b": y.mean() if len(y) else np.nan,
-                    "difference": interval.mean,
-                    "low": interval.low,
-                    "high": interval.high,
-                    "p": paired_permutation_test(x, y, np.random.default_rng(seed), resamples),
+                    "difference": difference.mean,
+                    "low": difference.low,
+                    "high": difference.high,
+                    "p": difference.p,
                 }
             )
     table = pd.DataFrame(rows)

@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.resampling import bootstrap_mean
 from crowdbench.evaluation.results import Cell
-from crowdbench.evaluation.statistics import Estimate, wilson_interval
+from crowdbench.evaluation.statistics import estimate, per_episode
 from crowdbench.scenario import Scenario, scenario_names
 
 _SHOWN_ERRORS = 20
-_PRINTED = {"inference_s": (1000.0, "ms")}
 
 
-def metric_documents(main: Collection[str]) -> list[dict[str, Any]]:
-    """What the page has to know of each metric; ``scale`` leads to the printed unit.
-
-    Args:
-        main: names of those that are shown unless all are asked for.
-    """
-    documents = []
-    for name, metric in METRICS.items():
-        scale, unit = _PRINTED.get(name, (1.0, metric.unit))
-        documents.append(
-            {
-                "name": name,
-                "label": name.removesuffix("_s").replace("_", " "),
-                "unit": unit,
-                "scale": scale,
-                "better": metric.better,
-                "definition": metric.definition,
-                "main": name in main,
-            }
-        )
-    return documents
+def metric_documents() -> list[dict[str, Any]]:
+    """What the page has to know of each metric; ``scale`` leads to the printed unit."""
+    return [
+        {
+            "name": name,
+            "label": metric.title(name),
+            "unit": metric.printed_unit,
+            "scale": metric.scale,
+            "digits": metric.digits,
+            "better": metric.better,
+            "definition": metric.definition,
+            "main": metric.main,
+        }
+        for name, metric in METRICS.items()
+    ]
 
 
 def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
@@ -85,10 +75,7 @@ def family(scenario: Scenario) -> str:
 def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     outcomes = rows["outcome"].value_counts()
     failed = rows[rows["error"] != ""].head(_SHOWN_ERRORS)
-    # The robots of one episode are no independent observations.
-    several = rows["robot"].nunique() > 1
-    names = [name for name in METRICS if name in rows]
-    episodes = rows.groupby("seed", sort=True)[names].mean() if several else rows
+    values = per_episode(rows, METRICS)
     return {
         "agent": cell.agent,
         "version": cell.version,
@@ -101,14 +88,5 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
             [int(seed), str(error)]
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
-        "estimates": [_estimate(episodes, name, exact=not several) for name in METRICS],
+        "estimates": [list(estimate(metric, values[name])) for name, metric in METRICS.items()],
     }
-
-
-def _estimate(episodes: pd.DataFrame | Mapping[str, Any], name: str, exact: bool) -> list[Any]:
-    """Mean, low, high and number of episodes; Wilson where every value is a yes or a no."""
-    if name not in episodes:
-        return list(Estimate(np.nan, np.nan, np.nan, 0))
-    values = np.asarray(episodes[name], dtype=float)
-    found = wilson_interval(values) if name == "success" and exact else bootstrap_mean(values)
-    return [*map(float, found[:3]), int(found.n)]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shutil
 import urllib.parse
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.recordings import Recording, find_recordings, scenario_of
 from crowdbench.evaluation.results import ResultsError
 from crowdbench.evaluation.stored import defined_scenario
@@ -77,7 +76,6 @@ class SiteFigure(NamedTuple):
 def write_report_page(
     rows: pd.DataFrame,
     output: Path,
-    main_metrics: Collection[str] = tuple(METRICS),
     tables: Sequence[SiteTable] = (),
     figures: Sequence[SiteFigure] = (),
 ) -> Site:
@@ -86,7 +84,6 @@ def write_report_page(
     Args:
         rows: the episodes, as ``published_and_local`` gives them.
         output: folder of the page; an older page there is replaced.
-        main_metrics: what leaderboards show unless all are asked for.
         tables, figures: to show beside the leaderboards.
 
     Raises:
@@ -110,7 +107,7 @@ def write_report_page(
             output,
             {
                 "start": "",
-                "metrics": metric_documents(main_metrics),
+                "metrics": metric_documents(),
                 "scenarios": list(scenarios.values()),
                 "agents": _agents(cell["agent"] for cell in cells),
                 "cells": cells,

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from crowdbench.evaluation.statistics import holm
-from crowdbench.study.measurements import Difference, Measurements
+from crowdbench.evaluation.statistics import Difference, holm
+from crowdbench.study.measurements import Measurements
 from crowdbench.study.model import Claim, Table
 from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, sign
 

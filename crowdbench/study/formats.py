@@ -20,7 +20,6 @@ _CELL_WIDTH = len("[0.00, 0.00]")
 _ZERO = 1e-12
 """What is smaller is rounding, and differs from processor to processor."""
 MISSING, UNDEFINED, PARTIAL = "—", "undefined", "†"
-ARROWS = {"higher": "↑", "lower": "↓"}
 
 _COLUMNS = (
     "table", "block", "scenarios", "method", "agent", "metric", "unit", "episodes", "planned",
@@ -184,9 +183,10 @@ def reference(entry: Entry) -> str:
     """The reference value as printed, empty where there is none."""
     if entry.reference is None:
         return ""
-    number = entry.reference * entry.quantity.scale
-    decimals = entry.quantity.digits
-    return f"({number:.{decimals}f})" if decimals is not None else f"({number:.3g})"
+    printed = entry.quantity.printed
+    if printed.digits is None:
+        return f"({entry.reference * printed.scale:.3g})"
+    return f"({printed.number(entry.reference)})"
 
 
 def escape_markdown(text: str) -> str:
@@ -202,7 +202,7 @@ def escape_latex(text: str) -> str:
 
 
 def _heading(quantity: Quantity) -> str:
-    return f"{quantity.heading} {ARROWS[METRICS[quantity.metric].better]}"
+    return f"{quantity.heading} {quantity.printed.arrow}"
 
 
 def _markdown_cell(entry: Entry) -> str:
@@ -219,10 +219,7 @@ def _latex_value(entry: Entry) -> str:
 
 def _printed(entry: Entry, number: float) -> str:
     """A number in the printed unit; its decimals follow from the mean, also in the interval."""
-    mean, decimals = entry.estimate.mean * entry.quantity.scale, entry.quantity.digits
-    if decimals is None:
-        decimals = max(0, 1 - math.floor(math.log10(abs(mean)))) if mean else 0
-    return f"{number * entry.quantity.scale:.{decimals}f}"
+    return entry.quantity.printed.number(number, beside=entry.estimate.mean)
 
 
 def digits(number: float | None) -> str:

@@ -5,28 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.joined import local_rows
-from crowdbench.evaluation.resampling import bootstrap_mean, sign_flip_p
+from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import scenario_label
-from crowdbench.evaluation.statistics import Estimate, wilson_interval
+from crowdbench.evaluation.statistics import Difference, Estimate, estimate, paired_difference
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
-
-
-class Difference(NamedTuple):
-    """A mean paired difference with its interval and p-value; n pairs had both values."""
-
-    mean: float
-    low: float
-    high: float
-    n: int
-    p: float
 
 
 class Measurements:
@@ -49,7 +38,8 @@ class Measurements:
             wanted, on=["scenario", "agent", "scenario_digest"]
         )
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
-        self.episodes = kept.drop(columns=["episodes", "named"])
+        added_since = {name: np.nan for name in METRICS if name not in kept}
+        self.episodes = kept.drop(columns=["episodes", "named"]).assign(**added_since)
         self._cells = {
             key: rows.set_index("seed").sort_index()
             for key, rows in kept.groupby(["agent", "named"], sort=False)
@@ -68,9 +58,9 @@ class Measurements:
         return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
 
     def _mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
-        """Mean over the episodes of all scenarios: Wilson for success, else bootstrap."""
+        """Mean over the episodes of all scenarios."""
         values = np.concatenate([self._values(agent, name, metric) for name in scenarios])
-        return wilson_interval(values) if metric == "success" else bootstrap_mean(values)
+        return estimate(METRICS[metric], values)
 
     def _difference(
         self,
@@ -95,7 +85,7 @@ class Measurements:
                 x = a.loc[shared, metric].to_numpy(dtype=float)
                 pairs.append(x - factor * b.loc[shared, metric].to_numpy(dtype=float) - margin)
         differences = np.concatenate([np.empty(0), *pairs])
-        return Difference(*bootstrap_mean(differences), sign_flip_p(differences))
+        return paired_difference(differences)
 
     def _rows(self, agent: str, scenario: str) -> pd.DataFrame:
         return self._cells.get((agent, scenario), pd.DataFrame(index=pd.Index([], name="seed")))

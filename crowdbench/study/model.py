@@ -7,11 +7,12 @@ here knows a result.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from crowdbench.agent import AgentSpec
+from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 
 if TYPE_CHECKING:
@@ -58,9 +59,8 @@ class Quantity:
 
     Attributes:
         metric: name in ``METRICS``.
-        heading: as printed, with the unit; by default the metric and its unit.
-        digits: decimals; None for two significant digits.
-        scale: factor from the stored unit to the printed one.
+        heading: as printed, with the unit; by default the metric's label and printed unit.
+        digits: decimals in the printed unit; by default the metric's.
         rounding: half a unit of a reference value's last digit, in the stored unit.
         judged: whether orders and values are judged against the reference; not where they depend
             on the machine.
@@ -68,16 +68,23 @@ class Quantity:
 
     metric: str
     heading: str = ""
-    digits: int | None = 2
-    scale: float = 1.0
+    digits: int | None = None
     rounding: float = 0.005
     judged: bool = True
 
     def __post_init__(self) -> None:
-        """Fill in the heading."""
-        unit = METRICS[self.metric].unit if self.metric in METRICS else ""
-        default = f"{self.metric} [{unit}]" if unit else self.metric
-        object.__setattr__(self, "heading", self.heading or default)
+        """Fill in the heading; a metric that nothing has is refused where the study is read."""
+        heading = self.metric
+        if self.metric in METRICS:
+            unit = METRICS[self.metric].printed_unit
+            heading = METRICS[self.metric].title(self.metric) + (f" [{unit}]" if unit else "")
+        object.__setattr__(self, "heading", self.heading or heading)
+
+    @property
+    def printed(self) -> Metric:
+        """The metric, as this table prints it."""
+        metric = METRICS[self.metric]
+        return metric if self.digits is None else replace(metric, digits=self.digits)
 
 
 @dataclass(frozen=True)

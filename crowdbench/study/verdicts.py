@@ -10,9 +10,9 @@ from typing import Any, Literal
 import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
+from crowdbench.evaluation.statistics import Difference
 from crowdbench.study.claims import Finding, Order
 from crowdbench.study.formats import digits
-from crowdbench.study.measurements import Difference
 from crowdbench.study.tables import Entry, Filled
 
 Side = Literal["better", "worse", "not told apart"]

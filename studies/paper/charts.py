@@ -20,8 +20,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.statistics import Difference
 from crowdbench.scenario import load_scenario
-from crowdbench.study.measurements import Difference, Measurements
+from crowdbench.study.measurements import Measurements
 from crowdbench.study.model import Method
 from crowdbench.study.style import WIDTH, styles
 

@@ -17,15 +17,15 @@ MOTIONS = {
 }
 CORRIDORS = ("corridor_sparse", "corridor_moderate", "corridor_dense", "corridor_very_dense")
 
-SUCCESS = Quantity("success", "Success")
-SPL = Quantity("spl", "SPL")
-SMOOTH = Quantity("smoothness", "Smooth")
+SUCCESS = Quantity("success", "Success", digits=2)
+SPL = Quantity("spl", "SPL", digits=2)
+SMOOTH = Quantity("smoothness", "Smooth", digits=2)
 INFERENCE = Quantity(  # the paper's times are a GPU's
-    "inference_s", "Inference [ms]", digits=None, scale=1000, rounding=0.0005, judged=False
+    "inference_s", "Inference [ms]", rounding=0.0005, judged=False
 )
 CUTOFF = Quantity("cutoff", "CutOff [1/ep.]")
-MIN_DIST = Quantity("min_dist", "MinDist [m]")
-TTC = Quantity("ttc_below_1s", "TTC < 1 s [%]", digits=1, scale=100, rounding=0.0005)
+MIN_DIST = Quantity("min_dist", "MinDist [m]", digits=2)
+TTC = Quantity("ttc_below_1s", "TTC < 1 s [%]", rounding=0.0005)
 
 OURS = "latent_planner"
 OPEN_LOOP = "latent_planner:execute=6"
@@ -43,13 +43,13 @@ COMPARED = (
     Method(OURS, "Ours, H=6, E=1", COSTLY),
     *OTHERS,
 )
-VERY_DENSE = (Block("corridor_very_dense"),)
+VERY_DENSE = (Block(("corridor_very_dense",)),)
 REACTIVE = tuple(MOTIONS)
 NONREACTIVE = tuple(f"{name}_nonreactive" for name in MOTIONS)
 
 
 def _open(number: str, title: str, suffix: str) -> Table:
-    blocks = tuple(Block(name + suffix, heading) for name, heading in MOTIONS.items())
+    blocks = tuple(Block((name + suffix,), heading) for name, heading in MOTIONS.items())
     quantities = (SUCCESS, SPL, SMOOTH, INFERENCE)
     return with_reference(Table(number, title, blocks, quantities, COMPARED))
 

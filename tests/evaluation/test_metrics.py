@@ -259,7 +259,18 @@ def test_pedestrians_in_another_order_give_the_same_metrics(random_episode):
     assert metrics(reordered) == pytest.approx(metrics(episode), nan_ok=True)
 
 
-def test_the_documentation_lists_every_metric_in_order():
-    page = Path(__file__).parents[2] / "docs" / "metrics.md"
-    table = page.read_text(encoding="utf-8").split("## Every metric")[1].split("##")[0]
-    assert re.findall(r"^\| `(\w+)`", table, flags=re.MULTILINE) == list(METRICS)
+def test_the_documentation_says_what_the_entries_say():
+    page = (Path(__file__).parents[2] / "docs" / "metrics.md").read_text(encoding="utf-8")
+    section = page.split("## Every metric")[1].split("##")[0]
+    rows = re.findall(r"^\| `(\w+)` \|(.*?)\|(.*?)\|(.*?)\|", section, flags=re.MULTILINE)
+    printed = {
+        name: ", ".join(
+            filter(None, [m.unit, f"printed in {m.printed_unit}" * (m.printed_unit != m.unit)])
+        )
+        for name, m in METRICS.items()
+    }
+    assert [tuple(map(str.strip, row)) for row in rows] == [
+        (name, printed[name], metric.better, metric.kind) for name, metric in METRICS.items()
+    ]
+    (main,) = re.findall(r"unless others are asked for: (.*)\.$", section, flags=re.MULTILINE)
+    assert re.findall(r"`(\w+)`", main) == [n for n, metric in METRICS.items() if metric.main]

@@ -10,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.statistics import (
     PairingError,
-    bootstrap_interval,
     compare,
+    estimate,
     holm,
-    paired_permutation_test,
+    mean_interval,
+    paired_difference,
+    per_episode,
     wilson_interval,
 )
 
@@ -42,31 +45,31 @@ def ones(successes, n):
     ],
 )
 def test_wilson_agrees_with_the_published_table(successes, n, low, high):
-    estimate = wilson_interval(ones(successes, n))
-    assert estimate.mean == successes / n
-    assert estimate.n == n
-    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=5e-5)
+    found = wilson_interval(ones(successes, n))
+    assert found.mean == successes / n
+    assert found.n == n
+    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
 
 
 @given(n=st.integers(1, 500), share=st.floats(0, 1))
 def test_wilson_contains_the_share_and_is_symmetric(n, share):
     successes = round(share * n)
-    estimate, opposite = (
+    found, opposite = (
         wilson_interval(ones(successes, n)),
         wilson_interval(ones(n - successes, n)),
     )
-    assert 0 <= estimate.low <= estimate.mean <= estimate.high <= 1
-    assert estimate.low == pytest.approx(1 - opposite.high, abs=1e-12)
-    assert estimate.high - estimate.low < 1
+    assert 0 <= found.low <= found.mean <= found.high <= 1
+    assert found.low == pytest.approx(1 - opposite.high, abs=1e-12)
+    assert found.high - found.low < 1
 
 
 @given(n=st.integers(2, 200), share=st.floats(0, 1))
 def test_a_wilson_bound_is_a_share_whose_score_test_just_rejects(n, share):
     successes = round(share * n)
-    estimate = wilson_interval(ones(successes, n))
-    for bound in (estimate.low, estimate.high):
+    found = wilson_interval(ones(successes, n))
+    for bound in (found.low, found.high):
         if 0 < bound < 1:
-            score = (estimate.mean - bound) / math.sqrt(bound * (1 - bound) / n)
+            score = (found.mean - bound) / math.sqrt(bound * (1 - bound) / n)
             assert abs(score) == pytest.approx(1.959964, abs=1e-5)
 
 
@@ -95,53 +98,84 @@ def test_wilson_refuses_what_is_no_proportion():
 
 def test_the_bootstrap_agrees_with_students_interval_for_normal_values():
     values = rng(3).normal(10.0, 2.0, 200)
-    estimate = bootstrap_interval(values, rng())
+    found = mean_interval(values)
     half = stats.t.ppf(0.975, 199) * values.std(ddof=1) / math.sqrt(200)
-    assert estimate.mean == pytest.approx(values.mean())
-    assert estimate.low == pytest.approx(values.mean() - half, abs=0.1 * half)
-    assert estimate.high == pytest.approx(values.mean() + half, abs=0.1 * half)
+    assert found.mean == pytest.approx(values.mean())
+    assert found.low == pytest.approx(values.mean() - half, abs=0.1 * half)
+    assert found.high == pytest.approx(values.mean() + half, abs=0.1 * half)
 
 
 def test_the_bootstrap_leans_towards_the_long_tail():
-    values = rng(4).exponential(1.0, 30)
-    mean, low, high, _ = bootstrap_interval(values, rng())
+    mean, low, high, _ = mean_interval(rng(4).exponential(1.0, 30))
     assert high - mean > 1.1 * (mean - low)
 
 
 def test_the_bootstrap_covers_the_true_mean_about_as_often_as_promised():
     covered = 0
     for seed in range(200):
-        estimate = bootstrap_interval(rng(seed).exponential(1.0, 40), rng(), resamples=499)
-        covered += estimate.low <= 1.0 <= estimate.high
+        found = mean_interval(rng(seed).exponential(1.0, 40))
+        covered += found.low <= 1.0 <= found.high
     # 0.95 less the known optimism for skewed samples of 40, with four standard errors of room
     assert 0.86 < covered / 200 <= 1.0
 
 
-@given(values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12), seed=st.integers(0, 9))
+@given(values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12))
 @settings(max_examples=150, deadline=None)
-def test_the_bootstraps_interval_lies_within_the_sample(values, seed):
-    estimate = bootstrap_interval(values, rng(seed), resamples=199)
+def test_the_bootstraps_interval_lies_within_the_sample(values):
+    found = mean_interval(values)
     slack = 1e-9 * (1 + max(map(abs, values)))
-    assert min(values) - slack <= estimate.low <= estimate.high <= max(values) + slack
+    assert min(values) - slack <= found.low <= found.high <= max(values) + slack
 
 
-def test_the_bootstrap_depends_on_nothing_but_values_and_seed():
+def test_the_bootstrap_depends_on_nothing_but_the_values():
     values = rng(5).normal(size=30)
-    assert bootstrap_interval(values, rng(1)) == bootstrap_interval(values, rng(1))
-    assert bootstrap_interval(values, rng(1)) != bootstrap_interval(values, rng(2))
-    assert bootstrap_interval([*values, math.nan], rng(1)) == bootstrap_interval(values, rng(1))
+    assert mean_interval(values) == mean_interval([*values, math.nan]) == mean_interval(values)
 
 
 def test_equal_values_have_an_interval_of_width_zero():
-    assert bootstrap_interval([0.1] * 7, rng()) == (pytest.approx(0.1),) * 3 + (7,)
+    assert mean_interval([0.1] * 7) == (pytest.approx(0.1),) * 3 + (7,)
 
 
 def test_one_value_or_none_has_no_interval():
-    one = bootstrap_interval([2.0], rng())
+    one = mean_interval([2.0])
     assert (one.mean, one.n) == (2.0, 1)
     assert math.isnan(one.low)
     assert math.isnan(one.high)
-    assert math.isnan(bootstrap_interval([math.nan], rng()).mean)
+    none = mean_interval([math.nan])
+    assert none.n == 0 and all(math.isnan(number) for number in none[:3])
+
+
+# Which of the two
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_the_kind_of_a_metric_decides_on_its_interval(name):
+    values = [*ones(9, 12), math.nan]
+    expected = wilson_interval if METRICS[name].kind == "proportion" else mean_interval
+    assert estimate(METRICS[name], values) == expected(values)
+
+
+def test_a_proportion_averaged_over_robots_is_a_mean():
+    values = [1.0, 0.5, 0.0, 1.0]
+    assert estimate(METRICS["success"], values) == mean_interval(values)
+
+
+def test_the_robots_of_an_episode_are_one_observation():
+    rows = pd.DataFrame(
+        {
+            "scenario": ["y", "x", "x", "x", "x"],
+            "seed": [0, 5, 3, 5, 3],
+            "robot": ["robot_0", "robot_0", "robot_0", "robot_1", "robot_1"],
+            "success": [1.0, 1.0, 1.0, 0.0, 1.0],
+            "jerk": [1.0, math.nan, 2.0, 3.0, 4.0],
+        }
+    )
+    found = per_episode(rows, ["success", "jerk", "spl"])
+    assert found["scenario"].tolist() == ["x", "x", "y"]
+    assert found["seed"].tolist() == [3, 5, 0]
+    assert found["success"].tolist() == [1.0, 0.5, 1.0]
+    assert found["jerk"].tolist() == [3.0, 3.0, 1.0]
+    assert found["spl"].isna().all(), "rows older than a metric do not have it"
 
 
 # Permutation test
@@ -160,36 +194,35 @@ def enumerated(a, b):
 def test_the_permutation_test_is_exact_for_few_pairs(seed, n, binary):
     draw = rng(seed)
     a, b = draw.integers(0, 2, (2, n)) if binary else draw.normal(size=(2, n))
-    assert paired_permutation_test(a, b, rng()) == pytest.approx(enumerated(a, b))
+    assert paired_difference(a - b).p == pytest.approx(enumerated(a, b))
 
 
 def test_the_permutation_test_is_near_the_enumeration_for_more_pairs():
     a = rng(6).normal(0.4, 1.0, 16)
     b = np.zeros(16)
-    drawn = paired_permutation_test(a, b, rng(), resamples=9999)
+    drawn = paired_difference(a - b).p
     assert drawn == pytest.approx(enumerated(a, b), abs=0.02)
-    assert drawn == paired_permutation_test(a, b, rng(), resamples=9999)
+    assert drawn == paired_difference(a - b).p
 
 
 def test_the_permutation_test_of_successes_is_mcnemars():
     # 12 seeds where only a succeeds, 3 where only b does: a sign test on 15 discordant pairs.
     a, b = ones(12 + 30, 50), [0.0] * 12 + [1.0] * 30 + [1.0] * 3 + [0.0] * 5
     expected = stats.binomtest(3, 15).pvalue
-    assert paired_permutation_test(a, b, rng(), resamples=20_000) == pytest.approx(
-        expected, abs=0.008
-    )
+    assert paired_difference(np.subtract(a, b)).p == pytest.approx(expected, abs=0.008)
 
 
 def test_pairs_without_a_difference_give_one_and_no_pairs_give_nan():
-    assert paired_permutation_test([1.0, 2.0], [1.0, 2.0], rng()) == 1.0
-    assert math.isnan(paired_permutation_test([math.nan], [1.0], rng()))
+    assert paired_difference([0.0, 0.0]).p == paired_difference([3.0]).p == 1.0
+    nothing = paired_difference([math.nan])
+    assert nothing.n == 0 and math.isnan(nothing.p)
 
 
 def test_two_agents_that_do_not_differ_are_rarely_told_apart():
     p = []
     for seed in range(200):
         a, b = rng(seed).normal(size=(2, 12))
-        p.append(paired_permutation_test(a, b, rng(), resamples=500))
+        p.append(paired_difference(a - b).p)
     assert np.mean(np.array(p) < 0.05) < 0.1
 
 
@@ -244,10 +277,8 @@ def test_the_order_of_the_rows_does_not_matter():
 
 def test_a_row_is_the_interval_and_test_of_the_differences():
     x, y = rng(1).normal(size=(2, 20))
-    row = compare(table(seeds=range(20), jerk=x), table(seeds=range(20), jerk=y), seed=4).iloc[0]
-    expected = bootstrap_interval(x - y, rng(4))
-    assert tuple(row[["difference", "low", "high", "n"]]) == tuple(expected)
-    assert row["p"] == paired_permutation_test(x, y, rng(4))
+    row = compare(table(seeds=range(20), jerk=x), table(seeds=range(20), jerk=y)).iloc[0]
+    assert tuple(row[["difference", "low", "high", "n", "p"]]) == paired_difference(x - y)
 
 
 def test_only_shared_seeds_count():

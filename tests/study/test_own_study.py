@@ -9,7 +9,8 @@ import pytest
 
 from crowdbench.cli import main
 from crowdbench.evaluation.results import load_results
-from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table
+from crowdbench.registry import Registry
+from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table, library
 from crowdbench.study.library import STUDIES, load_study
 
 PLANNER = """
@@ -92,7 +93,7 @@ def test_a_file_is_enough(place, capsys):
     assert r"Value \[95 % interval\]." in page
     assert "paper" not in page and "reference" not in page and "Where we differ" not in page
     assert "(0." not in page and "(1." not in page, "no brackets without reference values"
-    assert "| Method | path_length [m] ↓ | Success ↑ |" in page
+    assert "| Method | path length [m] ↓ | Success ↑ |" in page
     for name in re.findall(r"\]\(([^)]+)\)", page):
         assert (folder / name).is_file(), name
     rows = load_results(place / "results")
@@ -110,7 +111,7 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
     folder = place / "results" / "studies" / "ahead"
     page = (folder / "README.md").read_text()
     assert "## Where we differ from the thesis" in page
-    assert "(the thesis's value)" in page and "(0.25)" in page
+    assert "(the thesis's value)" in page and "(0.250)" in page
     (row,) = csv.DictReader((folder / "tables" / "differences.csv").open())
     assert (row["method"], row["reference"]) == ("Blind", "0.25")
     assert (folder / "tables" / "orders.csv").is_file()
@@ -134,6 +135,17 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
         ('"Blind", 2', '"planner.py:Timid", 2', "two methods have the label 'planner.py:Timid'"),
         ('"ahead"', '"../ahead"', "name '../ahead': expected letters, digits, - and _"),
         ('title="', 'shown=("2",),\n    title="', "shown '2': no such table or figure; known: 1"),
+        ("tables=(TABLE,)", "tables=(TABLE)", "tables: expected a tuple of Table, got Table("),
+        (
+            '(Quantity("path_length"), Quantity("success", "Success"))',
+            '("success",)',
+            "table '1', quantities: expected a tuple of Quantity, got ('success',)",
+        ),
+        (
+            "    METHODS,\n)",
+            "    METHODS,\n    reference={('', 'Blimd', 'success'): 1.0},\n)",
+            "table '1', reference ('', 'Blimd', 'success'): no such cell",
+        ),
         ("STUDY = ", "SECOND = Study('b', 'B', ())\nSTUDY = ", "expected one Study, found SECOND,"),
         ("STUDY = Study(", "dict(", "expected one Study, found none"),
         ("METHODS = (", "METHODS = 1 / 0 + (", "ZeroDivisionError"),
@@ -159,13 +171,29 @@ def test_installed_studies_are_found_by_name():
     assert load_study("paper") is STUDIES["paper"]
 
 
+def test_a_package_adds_a_study_by_an_entry_point(place, monkeypatch, capsys):
+    info = place / "my_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
+    points = "[crowdbench.studies]\nahead = my_study:STUDY\ntable = my_study:TABLE\n"
+    (info / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(place)
+    fresh = Registry("study", "crowdbench.studies", {}, of=Study)
+    monkeypatch.setattr(library, "STUDIES", fresh)
+    assert main(["tables", "ahead"]) == 0
+    capsys.readouterr()
+    assert (place / "results" / "studies" / "ahead" / "README.md").is_file()
+    assert "is not a crowdbench.study.model.Study" in complaint(capsys, "table")
+
+
 def test_agents_are_named_as_their_episodes_are():
     assert Method("orca:margin=0.10,horizon=2").agent == "orca:horizon=2,margin=0.1"
 
 
 def test_defaults_fill_labels_and_headings():
     assert Method("orca").label == "orca"
-    assert Quantity("path_length").heading == "path_length [m]"
+    assert Quantity("path_length").heading == "path length [m]"
+    assert Quantity("inference_s").heading == "inference [ms]"
     assert Quantity("success").heading == "success"
     assert Block("unimodal_slow").scenarios == ("unimodal_slow",)
 

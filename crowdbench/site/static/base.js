@@ -45,18 +45,12 @@ window.crowdbench = {};
     return { view, parameters: new Map(new URLSearchParams(query || "")) };
   };
 
-  // At least two significant digits.
-  crowdbench.number = function (value) {
-    const size = Math.abs(value);
-    if (value == null) return "–";
-    if (size < 1e-12) return "0";
-    if (size >= 1000) return value.toFixed(0);
-    if (size >= 1) return String(Number(value.toPrecision(3)));
-    return size >= 0.01 ? value.toFixed(3) : value.toPrecision(2);
-  };
+  // The decimals that give a value two significant digits.
+  crowdbench.twoSignificant = (value) =>
+    Math.abs(value) < 1e-12 ? 0 : Math.max(0, 1 - Math.floor(Math.log10(Math.abs(value))));
 
-  // Two decimals, without a sign in front of zero.
-  crowdbench.fixed = (value) => value.toFixed(2).replace(/^-(0\.00)$/, "$1");
+  // A number of decimals, without a sign in front of zero.
+  crowdbench.fixed = (value, digits = 2) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
   crowdbench.seconds = (value) => value.toFixed(1) + " s";
 
   crowdbench.OUTCOMES = {

@@ -1,14 +1,16 @@
 "use strict";
 // The leaderboards: a table per scenario, sorted and filtered together.
 (function (crowdbench) {
-  const { element, link, number } = crowdbench;
+  const { element, fixed, link, twoSignificant } = crowdbench;
   // Kept while other views are shown.
   const chosen = { family: "", hidden: new Set(), all: false, sort: "success", reverse: false };
 
   crowdbench.cellValue = function (cell, metric) {
     const [mean, low, high] = cell.estimates[crowdbench.index.metrics.indexOf(metric)];
     if (mean === null) return element("td", { class: "number" }, "–");
-    const printed = (value) => number(value * metric.scale);
+    // Decimals follow from the mean, also in the interval.
+    const digits = metric.digits ?? twoSignificant(mean * metric.scale);
+    const printed = (value) => fixed(value * metric.scale, digits);
     return element("td", { class: "number" }, printed(mean),
       low === null ? null : element("span", { class: "interval" }, `[${printed(low)}, ${printed(high)}]`));
   };
@@ -123,7 +125,7 @@
     page.append(
       element("h1", {}, "Leaderboard"),
       element("p", { class: "lead" },
-        "Mean and 95 % interval over the stored episodes (Wilson for success, else BCa bootstrap); ",
+        "Mean and 95 % interval over the stored episodes (Wilson for shares of episodes, else BCa bootstrap); ",
         "arrows point where better is. Press a heading to sort."),
       filters(redraw), boards);
     redraw();
