@@ -1,7 +1,7 @@
 """Configuration of the learned agents: the paper's values as defaults, config.yaml as shipped.
 
 Every field says its unit where it has one. Unknown keys and values out of range are refused.
-docs/training.md gives the measurement behind each value that differs from the paper's.
+docs/training.md says why each value that differs from the paper's does.
 """
 
 from __future__ import annotations

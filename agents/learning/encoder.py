@@ -21,7 +21,7 @@ class Encoder(nn.Module):
         form: of f_map. "coarse" has 3D kernels whose first layer takes patches of 4 x 4 cells and
             4 frames. In "fine" the first layer takes patches of 4 x 4 cells at every second cell
             and all 8 frames at once, so that what moves is seen before resolution is lost; it
-            foresees collisions better (docs/training.md) at twice the arithmetic.
+            foresees collisions better (docs/training_notes.md) at twice the arithmetic.
     """
 
     _bits: Tensor

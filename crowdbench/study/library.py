@@ -109,6 +109,10 @@ def _check_kinds(study: Study) -> None:
         _check_tuple(where + "blocks", table.blocks, Block)
         _check_tuple(where + "quantities", table.quantities, Quantity)
         _check_tuple(where + "methods", table.methods, Method)
+        for block in table.blocks:
+            _check_tuple(where + "scenarios of a block", block.scenarios, str)
+    for claim in study.claims:
+        _check_tuple(f"claim {claim.text!r}, scenarios", claim.scenarios, str)
 
 
 def _check_tuple(name: str, value: object, kind: type) -> None:

@@ -36,7 +36,7 @@ METHODS = (Method("planner.py:Timid", episodes=2), Method("straight_line", "Blin
 TABLE = Table(
     "1",
     "Who gets ahead",
-    (Block("short.yaml"),),
+    (Block(("short.yaml",)),),
     (Quantity("path_length"), Quantity("success", "Success")),
     METHODS,
 )
@@ -45,7 +45,7 @@ STUDY = Study(
     title="Getting ahead",
     tables=(TABLE,),
     claims=(
-        Claim("Blind goes further", "1", "straight_line", "planner.py:Timid", "short.yaml",
+        Claim("Blind goes further", "1", "straight_line", "planner.py:Timid", ("short.yaml",),
               "path_length"),
     ),
 )
@@ -130,11 +130,20 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
         ("short.yaml", "unimodal_slaw", "'unimodal_slaw'; did you mean 'unimodal_slow'?"),
         ("path_length", "path_lenght", "metric 'path_lenght'; did you mean 'path_length'?"),
         ('further", "1"', 'further", "2"', "claim 'Blind goes further': no table '2'; known: 1"),
-        ('"short.yaml",\n', '"unimodal_fast",\n', "no table has agent 'straight_line' in scenario"),
+        (
+            '("short.yaml",),\n',
+            '("unimodal_fast",),\n',
+            "no table has agent 'straight_line' in scenario",
+        ),
         ("episodes=2", "episodes=0", "agent 'planner.py:Timid': episodes is 0, expected 1 or more"),
         ('"Blind", 2', '"planner.py:Timid", 2', "two methods have the label 'planner.py:Timid'"),
         ('"ahead"', '"../ahead"', "name '../ahead': expected letters, digits, - and _"),
         ('title="', 'shown=("2",),\n    title="', "shown '2': no such table or figure; known: 1"),
+        (
+            '(Block(("short.yaml",)),)',
+            '(Block("short.yaml"),)',
+            "table '1', scenarios of a block: expected a tuple of str, got 'short.yaml'",
+        ),
         ("tables=(TABLE,)", "tables=(TABLE)", "tables: expected a tuple of Table, got Table("),
         (
             '(Quantity("path_length"), Quantity("success", "Success"))',
@@ -195,11 +204,10 @@ def test_defaults_fill_labels_and_headings():
     assert Quantity("path_length").heading == "path length [m]"
     assert Quantity("inference_s").heading == "inference [ms]"
     assert Quantity("success").heading == "success"
-    assert Block("unimodal_slow").scenarios == ("unimodal_slow",)
 
 
 def test_one_cell_has_one_number_of_episodes():
-    blocks, quantities = (Block("unimodal_slow"),), (Quantity("success"),)
+    blocks, quantities = (Block(("unimodal_slow",)),), (Quantity("success"),)
     tables = tuple(
         Table(number, "t", blocks, quantities, (Method("orca", episodes=count),))
         for number, count in (("1", 10), ("2", 20))
