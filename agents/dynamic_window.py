@@ -11,13 +11,18 @@ keep their velocity. The footprint is the robot's rectangle.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
 from crowdbench_agents.geometry.footprint import advance, point_gap
+from numpy.typing import NDArray
+from pydantic import Field
 
 import crowdbench
 from crowdbench.compiled import compiled
+
+Weight = Annotated[float, Field(ge=0, le=1000)]
 
 SPEEDS, TURNS = 9, 21
 """Samples of v and of w in the window."""
@@ -36,7 +41,7 @@ REACTION = 0.4
 class DynamicWindow(crowdbench.Agent):
     """The best arc of the next period, judged by heading, free time and speed."""
 
-    def __init__(self, heading: float = 1.0, clearance: float = 1.0, speed: float = 1.0) -> None:
+    def __init__(self, heading: Weight = 1.0, clearance: Weight = 1.0, speed: Weight = 1.0) -> None:
         """Set the weights of the three terms (alpha, beta, gamma), each term in [0, 1]."""
         self._weights = np.array([heading, clearance, speed])
 
@@ -73,7 +78,9 @@ class DynamicWindow(crowdbench.Agent):
             self._weights,
         )
 
-    def _window(self, observation, limits):
+    def _window(
+        self, observation: crowdbench.Observation, limits: tuple[float, float]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speeds and turn rates that can be reached within one period."""
         robot = self._robot
         v, w = observation.velocity.astype(float)

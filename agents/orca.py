@@ -2,17 +2,22 @@
 
 Discs and walls come from the scans (``clusters``); optimal reciprocal collision avoidance (van den
 Berg et al., "Reciprocal n-Body Collision Avoidance", 2011) finds the velocity nearest to the
-straight way to the goal, and the differential drive follows it: the robot turns towards that
-velocity and drives as much of it as lies ahead and is free. As it cannot follow exactly, it takes
-itself for a little larger than it is (Alonso-Mora et al., "Optimal reciprocal collision avoidance
-for multiple non-holonomic robots", DARS 2010).
+straight way to the goal, and the drive follows it. An omnidirectional robot does so as it is. A
+differential one turns towards that velocity and drives as much of it as lies ahead and is free. As
+it cannot follow exactly, the robot takes itself for a little larger than it is (Alonso-Mora et al.,
+"Optimal reciprocal collision avoidance for multiple non-holonomic robots", DARS 2010).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Annotated
+
 import numpy as np
-from crowdbench_agents.geometry.clusters import Tracker
-from crowdbench_agents.geometry.footprint import arc_gap
+from crowdbench_agents.geometry.clusters import Scene, Tracker
+from crowdbench_agents.geometry.footprint import arc_gap, line_gap
+from numpy.typing import NDArray
+from pydantic import Field
 
 import crowdbench
 
@@ -23,7 +28,13 @@ STOP = 0.05
 class Orca(crowdbench.Agent):
     """Reciprocal avoidance of what the LiDAR shows."""
 
-    def __init__(self, responsibility: float = 1.0, margin: float = 0.05) -> None:
+    drives = ("differential", "omnidirectional")
+
+    def __init__(
+        self,
+        responsibility: Annotated[float, Field(ge=0, le=1)] = 1.0,
+        margin: Annotated[float, Field(ge=0, le=1)] = 0.05,
+    ) -> None:
         """Choose how to behave.
 
         Args:
@@ -51,12 +62,28 @@ class Orca(crowdbench.Agent):
         speed = min(robot.speed[1], distance / robot.control_period)
         preferred = (goal_x * ahead + goal_y * aside) * speed / distance
         scene = self._tracker.update(observation)
-        wanted = self._avoid(np.array([x, y]), observation.velocity[0] * ahead, preferred, scene)
+        sideways = robot.drive == "omnidirectional"
+        moving = observation.velocity[0] * ahead
+        if sideways:
+            moving = moving + observation.velocity[1] * aside
+        wanted = self._avoid(np.array([x, y]), moving, preferred, scene)
+        # Braking is for what stands still: pedestrians are avoided better by moving.
+        still = self._tracker.without_moving(observation, scene)
+        if sideways:
+            forward = np.clip(wanted @ ahead, *robot.speed)
+            left = np.clip(wanted @ aside, *robot.lateral_speed)
+            share = self._brake(line_gap, forward, left, still)
+            return share * forward, share * left
         v, w = self._follow(wanted @ ahead, wanted @ aside)
-        # Braking is for what stands still: who walks is avoided better by moving.
-        return self._brake(v, w, self._tracker.without_moving(observation, scene)), w
+        return self._brake(arc_gap, v, w, still) * v, w
 
-    def _avoid(self, position, velocity, preferred, scene):
+    def _avoid(
+        self,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        preferred: NDArray[np.float64],
+        scene: Scene,
+    ) -> NDArray[np.float64]:
         """The ORCA velocity (2,) in the odometry frame [m/s]."""
         robot = self._robot
         moving, still = scene.discs[scene.moving], scene.discs[~scene.moving]
@@ -90,13 +117,22 @@ class Orca(crowdbench.Agent):
         off = bearing - turn * robot.control_period / 2
         return float(np.hypot(forward, left) * max(0.0, np.cos(off))), float(turn)
 
-    def _brake(self, v, w, lidar):
-        """The most of a speed v with which the coming step's arc (v, w) touches nothing seen."""
+    def _brake(
+        self,
+        gap_of: Callable[..., float],
+        first: float,
+        second: float,
+        lidar: NDArray[np.floating],
+    ) -> float:
+        """The largest share of an action with which the coming step touches nothing seen.
+
+        Along an arc (``arc_gap``) the turn rate stays; along a line both speeds shrink.
+        """
         robot = self._robot
         for share in (1.0, 0.75, 0.5, 0.25):
-            gap = arc_gap(
-                share * v,
-                w,
+            gap = gap_of(
+                share * first,
+                second if gap_of is arc_gap else share * second,
                 robot.control_period,
                 4,
                 robot.length / 2,
@@ -107,5 +143,5 @@ class Orca(crowdbench.Agent):
                 robot.lidar_range,
             )
             if gap > STOP:
-                return share * v
+                return share
         return 0.0

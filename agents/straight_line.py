@@ -8,15 +8,22 @@ import crowdbench
 
 
 class StraightLine(crowdbench.Agent):
-    """Turns towards the goal and drives at full speed, blind to people and walls."""
+    """Turns towards the goal and drives at full speed, blind to people and walls.
+
+    An omnidirectional robot goes to the goal without turning.
+    """
+
+    drives = ("differential", "omnidirectional")
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits."""
         self._robot = robot
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
-        """Return full speed towards the goal, slower while it is to the side."""
+        """Return full speed towards the goal, slower while turning to it."""
         x, y = observation.goal
+        if self._robot.drive == "omnidirectional":
+            return observation.goal * (self._robot.speed[1] / max(np.hypot(x, y), 1e-6))
         bearing = np.arctan2(y, x)
         turn = bearing / self._robot.control_period
         return self._robot.speed[1] * max(0.0, np.cos(bearing)), float(turn)

@@ -10,8 +10,10 @@ run that was stopped goes on.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 from crowdbench_agents.learning.seeds import VALIDATION
 from rich.console import Console
 from rich.progress import Progress
@@ -60,7 +62,7 @@ def main() -> None:
         console.print(f"| `{name}` | " + " | ".join(row) + " |")
 
 
-def _summary(rows, seeds) -> str:
+def _summary(rows: pd.DataFrame, seeds: Sequence[int]) -> str:
     rows = rows[rows["seed"].isin(seeds)]
     success = wilson_interval(rows["success"])
     return (

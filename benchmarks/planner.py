@@ -18,14 +18,16 @@ import argparse
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.agent import LatentPlanner
-from crowdbench_agents.latent_planner.fast import FastPlanner
+from crowdbench_agents.latent_planner.fused import FusedEvaluator
 from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.plain import PlainEvaluator
 from crowdbench_agents.latent_planner.world_model import FORMAT, WorldModel, load_world_model
 from crowdbench_agents.learning.config import Config, load_config
 from crowdbench_agents.learning.seeds import VALIDATION
@@ -64,7 +66,7 @@ class Products:
         ]
         self.flops = sum(2 * x.shape[0] * w.numel() * times for x, w, _, times in self._work)
 
-    def _prepare(self, rows: int, networks: list[nn.Module], times: int) -> Iterator[tuple]:
+    def _prepare(self, rows: int, networks: Sequence[nn.Module], times: int) -> Iterator[tuple]:
         for layer in (part for network in networks for part in network.modules()):
             if isinstance(layer, nn.Linear):
                 out, inside = layer.weight.shape
@@ -98,7 +100,8 @@ class Driver:
 
 def observations(count: int = 60) -> list[crowdbench.Observation]:
     """What a robot sees that drives towards its goal, from as many episodes as it takes."""
-    env, seen = crowdbench.parallel_env(SCENARIO), []
+    env = crowdbench.parallel_env(SCENARIO)
+    seen: list[crowdbench.Observation] = []
     seed = VALIDATION[0]
     while len(seen) < count:
         observed, _ = env.reset(seed=seed)
@@ -154,17 +157,17 @@ def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, consol
     bounds = torch.tensor([0.5, 1.5])
     arguments = views, torch.zeros(1, 2), planned.planner, planned.loss.discount, bounds
     generator = torch.Generator().manual_seed(0)
-    forms = {threads: FastPlanner(model, threads) for threads in (1, 2)}
+    plain, fused = PlainEvaluator(model), {n: FusedEvaluator(model, n) for n in (1, 2)}
 
-    def agent(path: Path, **options: object) -> Driver:
+    def agent(path: Path, **options: Any) -> Driver:
         return Driver(LatentPlanner(weights=str(path), **options), seen)
 
     cases: dict[str, tuple[Callable[[], object], int]] = {
         "matrix products alone (the floor)": (products["default"], 1),
         "the same products through oneDNN": (products["oneDNN"], 1),
-        "plan, plain form": (lambda: plan(model, *arguments, generator), 1),
-        "plan, fast form, 1 thread": (lambda: forms[1].plan(*arguments, generator), 1),
-        "plan, fast form, 2 threads": (lambda: forms[2].plan(*arguments, generator), 1),
+        "plan, plain form": (lambda: plan(plain, *arguments, generator), 1),
+        "plan, fused form, 1 thread": (lambda: plan(fused[1], *arguments, generator), 1),
+        "plan, fused form, 2 threads": (lambda: plan(fused[2], *arguments, generator), 1),
         "act, E = 1, 1 thread": (agent(full, threads=1), 1),
         "act, E = 1, 2 threads": (agent(full, threads=2), 1),
         "act, E = 6, per step, 1 thread": (agent(full, threads=1, execute=6), 6),

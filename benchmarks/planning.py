@@ -18,7 +18,10 @@ from pathlib import Path
 import numpy as np
 import torch
 import yaml
-from crowdbench_agents.latent_planner.mppi import Score, encode_views, plan
+from crowdbench_agents.latent_planner.mppi import encode_views, plan
+from crowdbench_agents.latent_planner.plain import PlainEvaluator
+from crowdbench_agents.latent_planner.plan_queue import PlanQueue
+from crowdbench_agents.latent_planner.scoring import Score
 from crowdbench_agents.latent_planner.training import policy_act
 from crowdbench_agents.latent_planner.world_model import WorldModel, load_world_model
 from crowdbench_agents.learning.config import Config
@@ -32,6 +35,7 @@ from crowdbench_agents.learning.validation import (
     validate,
 )
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 from rich.console import Console
 
 import crowdbench
@@ -44,29 +48,27 @@ HARD = (
 
 def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -> Act:
     """Act by MPPI: a plan every ``execute`` steps, from the previous one moved on."""
-    planner, horizon = config.planner, config.planner.horizon
+    planner = config.planner
     generator = torch.Generator().manual_seed(0)
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario(HARD[0]))
     half = torch.from_numpy(ActionBounds.of(robot).half)
-    plans = torch.zeros(ENVIRONMENTS, horizon, 2)
+    evaluator, queue = PlainEvaluator(model), PlanQueue(ENVIRONMENTS, planner.horizon)
 
     @torch.no_grad()
     def act(given: PolicyInput) -> NDArray[np.float32]:
-        since = given.steps % execute
-        due = np.flatnonzero(since == 0)
+        due = np.flatnonzero(given.steps % execute == 0)
         if len(due):
             inputs = Inputs(*(torch.from_numpy(x[due]) for x in given.sensed))
             views = encode_views(model, model.encode(inputs), inputs, planner)
-            place, begins = given.place[due], given.steps[due] == 0
-            later = torch.arange(execute, execute + horizon).clamp(max=horizon - 1)
-            before = plans[place][:, later]
-            before[begins] = 0.0
+            place = given.place[due]
+            queue.clear(place[given.steps[due] == 0])
             with torch.autocast("cpu", torch.bfloat16):
-                plans[place] = plan(
-                    model, views, torch.from_numpy(given.velocity[due]), planner,
-                    config.loss.discount, half, generator, before, score,
-                ).actions  # fmt: skip
-        return plans[given.place, since].numpy()
+                made = plan(
+                    evaluator, views, torch.from_numpy(given.velocity[due]), planner,
+                    config.loss.discount, half, generator, queue.rest(place), score,
+                )  # fmt: skip
+            queue.put(place, made.actions)
+        return queue.take(given.place).numpy()
 
     return act
 
@@ -94,7 +96,8 @@ def main() -> None:
         else:
             parts = re.split(r",(?![^[]*\])", form)  # at commas outside of brackets
             values = dict(part.split("=", 1) for part in parts if part)
-            execute, score = int(values.pop("execute", 1)), values.pop("score", "reward_q")
+            execute = int(values.pop("execute", 1))
+            score = TypeAdapter(Score).validate_python(values.pop("score", "reward_q"))
             changed = {f"planner.{key}": yaml.safe_load(x) for key, x in values.items()}
             act = planner_act(model, config.override(changed), execute, score)
         result = validate(

@@ -35,7 +35,9 @@ Solver = Callable[[Problem], np.ndarray]
 
 def record(scenario: str, steps: int) -> tuple[list[Problem], list[float]]:
     """Problems of some control steps, and the processor time [s] of each step undisturbed."""
-    env, problems, seconds = crowdbench.parallel_env(scenario), [], []
+    env = crowdbench.parallel_env(scenario)
+    problems: list[Problem] = []
+    seconds: list[float] = []
     for recording in (False, True):
         seed, agent, done = FIRST_SEED, Neupan(), 0
         while done < steps:
@@ -62,7 +64,7 @@ def keep_problems(agent: Neupan, problems: list[Problem]) -> None:
         problems.append(copy.deepcopy(nrmp.problem))
         return solve()
 
-    nrmp.solve = keep
+    nrmp.solve = keep  # type: ignore[method-assign]
 
 
 def with_slacks(p: Problem) -> tuple[np.ndarray, ...]:

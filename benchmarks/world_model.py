@@ -19,6 +19,7 @@ again after dynamics and ends have learned from these data alone, behind the enc
 from __future__ import annotations
 
 import argparse
+import copy
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -85,13 +86,13 @@ def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
     envs = VectorEnv(ENVIRONMENTS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry)
     everywhere = np.arange(ENVIRONMENTS)
     envs.begin(everywhere)
-    scenario = envs.environments[0].scenario
+    scenario = envs.environment(0).scenario
     past: list[list[tuple]] = [[] for _ in everywhere]
     gaps, labels = [], []
     for _ in range(steps):
         command = envs.bounds.physical(drive(envs))
         for i in everywhere:
-            past[i].append((envs.environments[i].state(), command[i]))
+            past[i].append((envs.environment(int(i)).state(), command[i]))
         result = envs.step(everywhere, command)
         for i in everywhere:
             collided = result.outcome[i] == "collision"
@@ -174,7 +175,7 @@ def collides(batch: Batch) -> torch.Tensor:
 @torch.no_grad()
 def rollout_score(model: WorldModel, batch: Batch) -> torch.Tensor:
     """Log-odds-like score (B,) of a collision within the rollout: -log P(no collision)."""
-    z, score = model.encode(first_of(batch)), 0.0
+    z, score = model.encode(first_of(batch)), torch.zeros(batch.action.shape[1])
     for action in batch.action:
         _, end = model.reward_and_end(z, action)
         score = score + torch.nn.functional.softplus(end.float())
@@ -280,16 +281,19 @@ def main() -> None:
         learn(name, config, train, tests, arguments, console)
 
 
-def learn(name, config, train, tests, arguments, console) -> None:
+def learn(
+    name: str,
+    config: Config,
+    train: Replay,
+    tests: list[Batch],
+    arguments: argparse.Namespace,
+    console: Console,
+) -> None:
     torch.manual_seed(0)
     rng = np.random.default_rng(1)
     bf16 = torch.autocast("cpu", torch.bfloat16, enabled=config.training.bfloat16)
-    model: torch.nn.Module
-    if name == "rollout":
-        model, target = (WorldModel(config.model, config.perception.cells) for _ in range(2))
-        target.load_state_dict(model.state_dict())
-    else:
-        model = DirectPredictor(config)
+    world = WorldModel(config.model, config.perception.cells)
+    model, target = world if name == "rollout" else DirectPredictor(config), copy.deepcopy(world)
     optimizer = torch.optim.Adam(
         model.parameters(), config.training.learning_rate_model, fused=True
     )
@@ -297,7 +301,7 @@ def learn(name, config, train, tests, arguments, console) -> None:
     for update in range(1, arguments.updates + 1):
         batch = draw(train, config, arguments.batch, rng)
         with bf16:
-            if name == "rollout":
+            if isinstance(model, WorldModel):
                 noise = torch.randn_like(batch.action)
                 loss = model_loss(model, target, batch, config.loss, noise).total
             else:
@@ -315,7 +319,9 @@ def learn(name, config, train, tests, arguments, console) -> None:
             seconds = time.perf_counter() - began
             with bf16, torch.no_grad():
                 scores = [
-                    rollout_score(model, b) if name == "rollout" else model(first_of(b), b.action)
+                    rollout_score(model, b)
+                    if isinstance(model, WorldModel)
+                    else model(first_of(b), b.action)
                     for b in tests
                 ]
             label = torch.cat([collides(b) for b in tests]).numpy()

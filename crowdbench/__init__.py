@@ -7,6 +7,7 @@ The names in ``__all__`` are the public interface:
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
+- ``read_yaml``: a configuration file of an agent, read as strictly as scenarios are;
 - ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
 - extensions: a ``Drive`` gives a robot's actions their meaning, a ``WalkingModel`` says how a
   ``Crowd`` walks, and ``orca_velocities`` is how the pedestrians avoid each other by default.
@@ -23,7 +24,14 @@ import gymnasium
 import pettingzoo
 
 from crowdbench.agent import Action, Agent, AgentError, AgentSpec, Observation, RobotSpec
-from crowdbench.scenario import Scenario, ScenarioError, load_scenario, scenario_names
+from crowdbench.scenario import (
+    NoRoomError,
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    scenario_names,
+)
+from crowdbench.strict_yaml import YamlError, read_yaml
 
 if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
@@ -58,14 +66,17 @@ __all__ = [
     "Drive",
     "Episode",
     "Metric",
+    "NoRoomError",
     "Observation",
     "RobotSpec",
     "Scenario",
     "ScenarioError",
     "WalkingModel",
+    "YamlError",
     "load_scenario",
     "orca_velocities",
     "parallel_env",
+    "read_yaml",
     "scenario_names",
 ]
 

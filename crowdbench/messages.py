@@ -44,6 +44,11 @@ def short(value: object) -> str:
     return text if len(text) <= MAX_LENGTH else f"{text[: MAX_LENGTH - 3]}..."
 
 
+def printable(text: object) -> str:
+    """A path or name from outside as it is, or as Python writes it where a terminal could not."""
+    return str(text) if str(text).isprintable() else repr(str(text))
+
+
 def nearest(word: str, known: list[str]) -> str:
     """Say what may have been meant: ``"; did you mean 'x'?"`` or the list of known words."""
     close = difflib.get_close_matches(word[:MAX_LENGTH], known, n=1, cutoff=0.6)
@@ -61,7 +66,7 @@ def allowed(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     options = get_args(annotation)
     if get_origin(annotation) in (Union, types.UnionType):
         kinds = [allowed(o, metadata) for o in options if o is not types.NoneType]
-        return " or ".join(kinds + ["null"] * (types.NoneType in options))
+        return " or ".join(kinds) + ", or null" * (types.NoneType in options)
     if get_origin(annotation) is Literal:
         *others, last = map(repr, options)
         return f"{', '.join(others)} or {last}" if others else last

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from crowdbench.messages import short
+from crowdbench.messages import printable, short
 
 MAX_DEPTH = 32
 """Sections within sections, beyond which a document is refused."""
@@ -64,18 +64,19 @@ def read_yaml(path: Path | Traversable) -> Any:
     Raises:
         YamlError: unreadable, no text, or not the YAML allowed; names the file and the line.
     """
+    place = printable(path)
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise YamlError(f"{path}: cannot be read ({error.strerror})") from error
+        raise YamlError(f"{place}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
-        raise YamlError(f"{path}: not a YAML file (no text in UTF-8)") from error
+        raise YamlError(f"{place}: not a YAML file (no text in UTF-8)") from error
     if len(text) > MAX_SIZE:
-        raise YamlError(f"{path}: not read, as it has more than {MAX_SIZE:,} characters")
+        raise YamlError(f"{place}: not read, as it has more than {MAX_SIZE:,} characters")
     try:
         return load_yaml(text)
     except YamlError as error:
-        raise YamlError(f"{path}: not a YAML file ({error})") from error
+        raise YamlError(f"{place}: not a YAML file ({error})") from error
 
 
 def dump_scalar(value: object) -> str:
@@ -123,25 +124,20 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        number = node.tag.endswith((":int", ":float"))
-        value: Any = None
-        try:
-            if number and len(node.value) <= MAX_DIGITS:
+        problem = ""
+        if node.tag.endswith((":int", ":float")) and len(node.value) > MAX_DIGITS:
+            problem = f"a number of more than {MAX_DIGITS} digits"
+        else:
+            try:
                 value = super().construct_object(node, deep=deep)
-                # A number written in another base may still have too many digits to be shown.
-                str(value)
-            elif not number:
-                return super().construct_object(node, deep=deep)
-        except (ValueError, LookupError, OverflowError) as error:
-            raise yaml.MarkedYAMLError(
-                problem=f"{short(node.value)} is not a value of its type or too long",
-                problem_mark=node.start_mark,
-            ) from error
-        if value is None:
-            raise yaml.MarkedYAMLError(
-                problem=f"a number of more than {MAX_DIGITS} digits", problem_mark=node.start_mark
-            )
-        return value
+                if isinstance(value, int):
+                    str(value)  # fails where one in another base has too many digits to be shown
+                elif isinstance(value, str):
+                    value.encode()  # fails for an escape that is half a character
+                return value
+            except (ValueError, LookupError, OverflowError) as error:
+                problem = f"{short(node.value)} is no value of its type ({error})"
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
     def construct_mapping(self, node: yaml.Node, deep: bool = False) -> dict[Hashable, Any]:
         if not isinstance(node, yaml.MappingNode):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crowdbench import RobotSpec, load_scenario
@@ -160,3 +160,61 @@ def test_a_robot_spec_says_what_the_scenario_says():
     np.testing.assert_allclose(
         spec.corners, [[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]]
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "again"),
+    [
+        ("a:x=1e-3", {"x": 0.001}, "a:x=0.001"),
+        ("a:x='1e-3'", {"x": "1e-3"}, "a:x='1e-3'"),
+        ("a:x=2020-01-01", {"x": "2020-01-01"}, "a:x='2020-01-01'"),
+    ],
+)
+def test_numbers_are_those_of_yaml_1_2_and_dates_are_text(text, options, again):
+    spec = AgentSpec.parse(text)
+    assert spec.options == options
+    assert str(spec) == again
+    assert AgentSpec.parse(again) == spec
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a:execute=10,horizon=10", "a:execute=6,weights=no_social", "a:policy_prior=false",
+        "a:smoothness_weight=0", "a:x=0.25", "a:x='yes'", "a:x=null", "a:x=1.0e-05", "a:x='='",
+        "folder/mine.py:Mine:gain=2.5", "a:x='12'", "a:x=-3", "a:x=.inf",
+    ],
+)  # fmt: skip
+def test_texts_of_stored_agents_stay_as_they_are(text):
+    assert str(AgentSpec.parse(text)) == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a:x=" + "9" * 5000, "a:x=0x" + "f" * 4000, "a:x=" + "[" * 5000, "a:x=&b [*b]", "a:x=\0",
+        "a:x=\udc80", "a:x=!!float ''", 'a:x="\\UFFFFFFFF"', "x" * 5000, "x" * 5000 + ".py",
+        "a/" * 4000 + "b.py", "orca:" + "x" * 5000 + "=1", "a:x=" + "{b: " * 900,
+        "orca:margin=1e999", "a:" + "y" * 9000,
+    ],
+    ids=range(15),
+)  # fmt: skip
+def test_whatever_text_is_given_the_answer_is_a_short_line(text):
+    assert len(refusal(text)) < 400
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from(["orca", "dynamic_window", "straight_line", "x.py:X"]),
+    st.lists(
+        st.sampled_from([":", ",", "=", "margin", "speed", "1e-3", "&a", "*a", "!!int", "\0", "'"])
+        | st.text(max_size=3),
+        max_size=8,
+    ).map("".join),
+)
+def test_mutated_texts_make_an_agent_or_a_line(name, rest):
+    try:
+        AgentSpec.parse(name + rest).make()
+    except AgentError as error:
+        assert "\n" not in str(error)
+        assert len(str(error)) < 400

@@ -386,3 +386,11 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(place, tmp_path):
     # A row may reach the file in the moment between the signal and the count.
     assert kept - int(told[1]) in (0, 1)
     assert told[2] == str(tmp_path)
+
+
+def test_a_goal_that_can_be_passed_is_warned_of_in_one_line(tmp_path, capsys):
+    path = str(tmp_path / "scene.png")
+    assert main(["show", "corridor_sparse", "--set", "robots.speed=[0, 4]", "-o", path]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("warning: scenario 'corridor_sparse': a robot may pass its goal")

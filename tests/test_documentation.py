@@ -8,10 +8,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from pages import ROOT, unpack
 
 import crowdbench
 
-ROOT = Path(__file__).parents[1]
 PAGES = [
     "README.md",
     "docs/tutorial.md",
@@ -19,17 +19,19 @@ PAGES = [
     "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
     "docs/write_a_scenario.md",
+    "docs/add_a_walking_model.md",
+    "docs/add_a_drive.md",
     "docs/several_robots.md",
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
+    "docs/write_a_study.md",
 ]
-FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def run(command, folder):
     """Run in a folder where everything relative in the page comes to lie."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path}
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(folder)}
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
     )
@@ -40,14 +42,12 @@ def run(command, folder):
 def test_a_page_works_from_top_to_bottom(page, tmp_path):
     """Code that begins with a file's name is saved under it, all other code is run.
 
-    Only blocks that install are left out: that is tested elsewhere.
+    Blocks that install are left out, since that is tested elsewhere; what ``pip`` would note of
+    entry points is written beside the files.
     """
     ran = 0
-    for language, code in FENCE.findall((ROOT / page).read_text()):
-        name = re.match(r"# (\w+\.(?:py|yaml))\n", code)
-        if name:
-            (tmp_path / name[1]).write_text(code)
-        elif language == "python":
+    for language, code in unpack(page, tmp_path):
+        if language == "python":
             run([sys.executable, "-c", code], tmp_path)
             ran += 1
         elif language == "bash" and "pip install" not in code:

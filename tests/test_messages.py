@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from crowdbench.messages import Form, allowed, nearest, short
+from crowdbench.messages import Form, allowed, nearest, printable, short
 
 
 @given(
@@ -56,8 +56,8 @@ def test_the_nearest_name_is_found_and_else_all_are_listed():
         (int, "a whole number"),
         (bool, "true or false"),
         (Annotated[float, Field(gt=0, le=5)], "a number > 0 and <= 5"),
-        (Annotated[int | None, Field(ge=1)], "a whole number >= 1 or null"),
-        (Annotated[int, Field(ge=1)] | None, "a whole number >= 1 or null"),
+        (Annotated[int | None, Field(ge=1)], "a whole number >= 1, or null"),
+        (Annotated[int, Field(ge=1)] | None, "a whole number >= 1, or null"),
         (Literal["a", "b", "c"], "'a', 'b' or 'c'"),
         (tuple[float, float], "two numbers"),
         (Annotated[tuple[float, float], Form("low, then high")], "low, then high"),
@@ -66,3 +66,8 @@ def test_the_nearest_name_is_found_and_else_all_are_listed():
 )
 def test_what_a_type_takes_is_said_in_words(kind, words):
     assert allowed(kind) == words
+
+
+def test_a_name_is_shown_as_it_is_unless_a_terminal_could_not():
+    assert printable("folder/päth.yaml") == "folder/päth.yaml"
+    assert printable("a\nb\udcff") == "'a\\nb\\udcff'"

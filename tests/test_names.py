@@ -15,7 +15,7 @@ PACKAGE = Path(crowdbench.__file__).parent
 DEFAULT = ("cli/common.py", "DEFAULT_AGENT")
 WALKING_MODEL = "orca"
 """The one agent that has its name from a walking model, which the simulation may name."""
-MAY_NAME_THE_MODEL = ("simulation/", "scenario.py", "__init__.py")
+MAY_NAME_THE_MODEL = ("simulation/", "scenario", "extensions.py", "__init__.py")
 
 FILES = sorted(path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".js", ".html"))
 

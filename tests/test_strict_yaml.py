@@ -45,6 +45,7 @@ def test_text_stays_text(text):
         ("a: !!bool maybe", "line 1"),
         ('b: 1\na: "\\UFFFFFFFF"', "line 2"),
         ("a: 0b_", "line 1"),
+        ('b: 1\na: "\\ud83d"', "line 2"),
         ("[x]: 1", "line 1"),
         ("a: 1\nb: \0", "line 2: character 0x0 is not allowed"),
         ("a: \udc80", "character 0xdc80 is not allowed"),

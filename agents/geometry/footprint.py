@@ -1,4 +1,4 @@
-"""Geometry of a rectangular differential-drive robot, in numba, shared by the search planners."""
+"""Geometry of a rectangular robot, in numba, shared by the agents that look ahead."""
 
 from __future__ import annotations
 
@@ -76,10 +76,32 @@ def arc_gap(v, w, duration, checks, half_length, half_width, lidar, beam_cos, be
     least = np.inf
     for i in range(1, checks + 1):
         x, y, heading = advance(0.0, 0.0, 0.0, v, w, duration * i / checks)
-        cosine, sine = math.cos(heading), math.sin(heading)
-        for b in range(len(lidar)):
-            if lidar[b] < reach - 1e-3:
-                px, py = lidar[b] * beam_cos[b], lidar[b] * beam_sin[b]
-                gap = point_gap(x, y, cosine, sine, half_length, half_width, px, py)
-                least = min(least, gap)
+        gap = _scan_gap(x, y, heading, half_length, half_width, lidar, beam_cos, beam_sin, reach)
+        least = min(least, gap)
+    return least
+
+
+@compiled()
+def line_gap(
+    ahead, left, duration, checks, half_length, half_width, lidar, beam_cos, beam_sin, reach
+):
+    """The same as ``arc_gap`` for a robot that goes straight, at these speeds [m/s]."""
+    least = np.inf
+    for i in range(1, checks + 1):
+        x, y = ahead * duration * i / checks, left * duration * i / checks
+        gap = _scan_gap(x, y, 0.0, half_length, half_width, lidar, beam_cos, beam_sin, reach)
+        least = min(least, gap)
+    return least
+
+
+@compiled()
+def _scan_gap(x, y, heading, half_length, half_width, lidar, beam_cos, beam_sin, reach):
+    """Distance from the robot at a pose to what was seen from the origin [m]."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    least = np.inf
+    for b in range(len(lidar)):
+        if lidar[b] < reach - 1e-3:
+            px, py = lidar[b] * beam_cos[b], lidar[b] * beam_sin[b]
+            gap = point_gap(x, y, cosine, sine, half_length, half_width, px, py)
+            least = min(least, gap)
     return least

@@ -2,8 +2,8 @@
 
 Pedestrians are predicted with the model by which they walk (ORCA), towards the goals they really
 have and will really switch to, as if the robot were not there. Against that prediction a beam
-search in time and space looks for the fastest collision-free sequence of arcs, anew at every step
-(cf. Fraichard, "Trajectory planning in a dynamic workspace: a 'state-time space' approach",
+search in time and space looks for the fastest collision-free sequence of actions, anew at every
+step (cf. Fraichard, "Trajectory planning in a dynamic workspace: a 'state-time space' approach",
 Advanced Robotics 13, 1998). What nobody can know, the next goal of a pedestrian that arrives, is
 met with distance. Made for the scenarios that come with crowdbench: people walk by ORCA and take a
 new goal on arrival.
@@ -12,10 +12,12 @@ new goal on arrival.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
-from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, search
+from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, lines, search
+from pydantic import Field
 
 import crowdbench
 from crowdbench import orca_velocities
@@ -33,8 +35,9 @@ class Informed(crowdbench.Agent):
     """Searches time and space against the true future of everybody."""
 
     privileged = True
+    drives = ("differential", "omnidirectional")
 
-    def __init__(self, pedestrian_radius: float = 0.25) -> None:
+    def __init__(self, pedestrian_radius: Annotated[float, Field(gt=0, le=2)] = 0.25) -> None:
         """Set the radius of every pedestrian [m]."""
         self._pedestrian_radius = pedestrian_radius
 
@@ -42,12 +45,17 @@ class Informed(crowdbench.Agent):
         """Remember the robot's limits; there is no randomness."""
         self._robot = robot
         self._index = int(robot.name.rpartition("_")[2])
-        self._arcs = arcs(robot.speed, robot.turn_rate)
-        self._field = None
+        self._turns = robot.drive == "differential"
+        self._actions = (
+            arcs(robot.speed, robot.turn_rate)
+            if self._turns
+            else lines(robot.speed, robot.lateral_speed)
+        )
+        self._field: DistanceField | None = None
         self._plan = np.empty((0, 2))
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
-        """Return the first arc of the best plan."""
+        """Return the first action of the best plan."""
         state, robot = observation.state, self._robot
         if state is None:
             raise ValueError("the informed agent needs the true state of the world")
@@ -79,7 +87,8 @@ class Informed(crowdbench.Agent):
             robot.width / 2,
             robot.control_period,
             np.array([limits[0], limits[1]]),
-            self._arcs,
+            self._turns,
+            self._actions,
             future,
             spread,
             state["obstacles"],
@@ -104,7 +113,7 @@ class Informed(crowdbench.Agent):
             state["pedestrian_speed"],
             self._pedestrian_radius,
             state["robot_pose"],
-            state["robot_velocity"],
+            state["robot_world_velocity"],
             state["robot_active"],
             state["pedestrian_reactive"] & courteous,
             self._index,
@@ -182,8 +191,7 @@ def _predict(
             position[p, 0] += period * velocity[p, 0]
             position[p, 1] += period * velocity[p, 1]
     for r in range(robots):
-        ux = robot_velocity[r, 0] * math.cos(robot_pose[r, 2])
-        uy = robot_velocity[r, 0] * math.sin(robot_pose[r, 2])
+        ux, uy = robot_velocity[r, 0], robot_velocity[r, 1]
         for row in range(len(future)):
             later = row * period / TICKS
             future[row, people + r, 0] = robot_pose[r, 0] + later * ux

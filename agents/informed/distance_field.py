@@ -1,4 +1,4 @@
-"""Lengths of the shortest ways to a goal around round obstacles, tabulated on a grid."""
+"""Lengths of the shortest paths to a goal around round obstacles, tabulated on a grid."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class DistanceField:
 
     Attributes:
         origin: (2,) position of the first grid point [m].
-        values: (X, Y) length of the shortest way from each grid point [m]; empty without
-            obstacles, where the straight line is the shortest way.
+        values: (X, Y) length of the shortest path from each grid point [m]; empty without
+            obstacles, where the straight line is the shortest path.
     """
 
     def __init__(self, goal, start, obstacles, walls, clearance):
@@ -46,7 +46,7 @@ class DistanceField:
 
 @compiled()
 def look_up(x, y, goal_x, goal_y, origin, values):
-    """Length of the shortest way from (x, y) to the goal [m], interpolated."""
+    """Length of the shortest path from (x, y) to the goal [m], interpolated."""
     straight = math.hypot(goal_x - x, goal_y - y)
     i, j = (x - origin[0]) / CELL, (y - origin[1]) / CELL
     if values.size == 0 or not (0 <= i < len(values) - 1 and 0 <= j < values.shape[1] - 1):

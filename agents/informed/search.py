@@ -1,7 +1,8 @@
-"""Beam search in time and space for a differential-drive robot among moving discs, in numba.
+"""Beam search in time and space for a robot among moving discs, in numba.
 
-A plan is a sequence of arcs. It costs the time it takes, plus what is left of the way at full
-speed, plus the discomfort of gaps; plans that touch something are the last resort.
+A plan is a sequence of arcs, or of lines for an omnidirectional robot. It costs the time it takes,
+plus what is left of the way at full speed, plus the discomfort of gaps; plans that touch something
+are the last resort.
 """
 
 from __future__ import annotations
@@ -46,6 +47,11 @@ _COARSE += [(0.4, turn) for turn in (0.0, 0.7, -0.7)] + [(0.0, turn) for turn in
 _FINE = [(1.0, turn) for turn in (0.12, 0.65, -0.12, -0.65)]
 _FINE += [(0.7, turn) for turn in (0.0, 0.5, -0.5)] + [(0.4, turn) for turn in (1.0, -1.0)]
 _FINE += [(0.0, turn) for turn in (0.4, -0.4)]
+_COARSE_LINES = [(1.0, math.pi / 8 * k) for k in (0, 1, -1, 2, -2, 4, -4, 6, -6, 8)]
+_COARSE_LINES += [(0.4, math.pi / 4 * k) for k in (0, 1, -1)] + [(0.0, 0.0)]
+_FINE_LINES = [(1.0, math.pi / 16 * k) for k in (1, -1, 3, -3, 6, -6)]
+_FINE_LINES += [(0.4, math.pi / 4 * k) for k in (2, -2, 3, -3, 4)]
+_FINE_LINES += [(0.7, math.pi / 4 * k) for k in (0, 1, -1)]
 
 
 def arcs(speed, turn_rate):
@@ -55,6 +61,18 @@ def arcs(speed, turn_rate):
     return np.array(
         [(slow + v * (fast - slow), w * (left if w > 0 else -right)) for v, w in _COARSE + _FINE]
     )
+
+
+def lines(speed, lateral_speed):
+    """The same for an omnidirectional robot: (A, 2) speeds ahead and to the left [m/s]."""
+    low, high = np.array([speed, lateral_speed]).T
+    chosen = []
+    for share, angle in _COARSE_LINES + _FINE_LINES:
+        way = np.array([math.cos(angle), math.sin(angle)])
+        # The largest speed that way, within both limits.
+        bounds = np.where(way > 0, high, -low) / np.maximum(np.abs(way), 1e-9)
+        chosen.append(share * max(0.0, bounds.min()) * way)
+    return np.array(chosen)
 
 
 @compiled()
@@ -67,6 +85,7 @@ def search(
     half_width,
     period,
     limits,
+    turns,
     arcs,
     future,
     spread,
@@ -84,8 +103,10 @@ def search(
         tolerance: arrival distance [m].
         half_length, half_width: of the robot's rectangle [m].
         period: control period [s].
-        limits: (2,) on |dv/dt| [m/s^2] and |dw/dt| [rad/s^2].
-        arcs: (A, 2) v [m/s], w [rad/s] to choose from; later arcs only from the first half.
+        limits: (2,) on the change of either number of an action in a second.
+        turns: whether the robot is differential, else omnidirectional.
+        arcs: (A, 2) actions to choose from; later ones only from the first half. Here and below
+            (v, w) are v [m/s], w [rad/s], or speeds ahead and to the left [m/s].
         future: (HORIZON * TICKS + 1, N, 3) x, y, radius of the discs at every tick [m].
         spread: (HORIZON * TICKS + 1, N) how far each may be from there [m].
         obstacles: (K, 3) x, y, radius [m].
@@ -101,7 +122,11 @@ def search(
     top, turn = arcs[0, 0], abs(arcs[0, 1])
     for a in range(1, len(arcs)):
         top, turn = max(top, arcs[a, 0]), max(turn, abs(arcs[a, 1]))
+    if not turns:
+        for a in range(len(arcs)):
+            top, turn = max(top, math.hypot(arcs[a, 0], arcs[a, 1])), math.inf
     scene = (
+        turns,
         goal,
         tolerance,
         half_length,
@@ -222,13 +247,17 @@ def _time_left(node, goal, tolerance, top, turn, origin, lengths):
 @compiled()
 def _drive(node, v, w, row, ticks, scene, end):
     """Follow an arc for ``ticks`` from a node at ``row`` of the future; writes where it ends."""
-    goal, tolerance, half_length, half_width, tick, future, spread, obstacles, walls = scene
+    turns, goal, tolerance, half_length, half_width, tick, future, spread, obstacles, walls = scene
     x, y, heading, cost = node[0], node[1], node[2], node[5]
-    cost += TURN_COST * abs(w) * ticks * tick
+    turn = w if turns else 0.0
+    cost += TURN_COST * abs(turn) * ticks * tick
     # The chord of one tick, and the rotation that takes one chord to the next.
     cosine, sine = math.cos(heading), math.sin(heading)
-    turned_c, turned_s = math.cos(w * tick), math.sin(w * tick)
-    chord_x, chord_y, _ = advance(0.0, 0.0, heading, v, w, tick)
+    turned_c, turned_s = math.cos(turn * tick), math.sin(turn * tick)
+    if turns:
+        chord_x, chord_y, _ = advance(0.0, 0.0, heading, v, w, tick)
+    else:
+        chord_x, chord_y = tick * (cosine * v - sine * w), tick * (sine * v + cosine * w)
     status = _RUNNING
     for i in range(row + 1, row + ticks + 1):
         x, y = x + chord_x, y + chord_y
@@ -247,7 +276,7 @@ def _drive(node, v, w, row, ticks, scene, end):
         if math.hypot(goal[0] - x, goal[1] - y) <= tolerance - 0.02:
             status = _ENDED
             break
-    end[0], end[1], end[2] = x, y, heading + w * ticks * tick
+    end[0], end[1], end[2] = x, y, heading + turn * ticks * tick
     end[3], end[4], end[5] = v, w, cost
     return status
 

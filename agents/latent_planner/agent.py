@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from crowdbench_agents.latent_planner.world_model import WorldModel
     from crowdbench_agents.learning.config import Config
     from crowdbench_agents.learning.inputs import Inputs
+    from torch import Tensor
+
+
+ONLY = np.zeros(1, np.int64)
+"""Which robot, of one."""
 
 
 class Options(BaseModel):
@@ -104,22 +109,21 @@ class LatentPlanner(LearnedAgent):
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Forget the last episode; the planner's noise follows from the seed."""
         import torch
+        from crowdbench_agents.latent_planner.plan_queue import PlanQueue
 
         super().reset(robot, seed)
+        options = self.options
         self._generator = torch.Generator().manual_seed(seed)
         self._half_range = torch.from_numpy(self._bounds.half)
-        self._plan: NDArray[np.float32] | None = None
-        self._executed = self._plans = 0
+        self._queue = PlanQueue(1, options.horizon if options.use_mppi else options.execute)
+        self._plans = 0
 
     def _choose(self, inputs: Inputs) -> NDArray[np.float32]:
         """The next action of the plan, after planning where that is due."""
-        if self._plan is None or self._executed == self.options.execute:
-            self._plan = self._decide(inputs)
-            self._executed = 0
+        if self._plans == 0 or self._queue.taken[0] == self.options.execute:
+            self._queue.put(ONLY, self._decide(inputs))
             self._plans += 1
-        action = self._plan[self._executed]
-        self._executed += 1
-        return action
+        return self._queue.take(ONLY)[0].numpy()
 
     def diagnostics(self) -> dict[str, float]:
         """Return the number of plans made."""
@@ -132,7 +136,7 @@ class LatentPlanner(LearnedAgent):
 
     def _load(self, path: Path) -> tuple[WorldModel, Config]:
         import torch
-        from crowdbench_agents.latent_planner.fast import FastPlanner
+        from crowdbench_agents.latent_planner.fused import FusedEvaluator
         from crowdbench_agents.latent_planner.world_model import load_world_model
         from crowdbench_agents.learning.config import Planner
 
@@ -147,43 +151,35 @@ class LatentPlanner(LearnedAgent):
             changes["policy_share"] = 0.0
         self._settings = config.planner.model_copy(update=changes)
         if options.use_mppi:
-            self._planner = FastPlanner(model, options.threads or torch.get_num_threads())
+            self._evaluator = FusedEvaluator(model, options.threads or torch.get_num_threads())
         return model, config
 
-    def _decide(self, inputs: Inputs) -> NDArray[np.float32]:
-        """(H, 2) actions in [-1, 1], or (E, 2) of the policy alone."""
+    def _decide(self, inputs: Inputs) -> Tensor:
+        """(1, H, 2) actions in [-1, 1], or (1, E, 2) of the policy alone."""
         import torch
-        from crowdbench_agents.latent_planner.mppi import encode_views
+        from crowdbench_agents.latent_planner.mppi import encode_views, plan
 
         model: WorldModel = self._network
         z = model.encode(inputs)
         if not self.options.use_mppi:
             actions = []
             for _ in range(self.options.execute):
-                actions.append(model.act(z)[0])
-                z = model.next(z, actions[-1][None])
-            return torch.stack(actions).numpy()
+                actions.append(model.act(z))
+                z = model.next(z, actions[-1])
+            return torch.stack(actions, dim=1)
         previous = self._bounds.normalised(inputs.velocity.numpy())
-        result = self._planner.plan(
+        result = plan(
+            self._evaluator,
             encode_views(model, z, inputs, self._settings),
             torch.from_numpy(previous),
             self._settings,
             self._config.loss.discount,
             self._half_range,
             self._generator,
-            warm_start=self._rest_of_plan(),
+            warm_start=self._queue.rest(ONLY),
             score=self.options.score,
         )
-        return result.actions[0].numpy()
-
-    def _rest_of_plan(self):
-        """(1, H, 2) the last plan less what was executed, its last action repeated; or None."""
-        import torch
-
-        if self._plan is None:
-            return None
-        steps = np.minimum(np.arange(len(self._plan)) + self._executed, len(self._plan) - 1)
-        return torch.from_numpy(self._plan[steps][None])
+        return result.actions
 
 
 def _checked(**values: object) -> Options:
@@ -202,8 +198,7 @@ def _checked(**values: object) -> Options:
         raise ValueError(
             f"execute: should be 1 to horizon ({options.horizon}), got {options.execute}"
         )
-    if None not in (options.elites, options.candidates) and options.elites > options.candidates:
-        raise ValueError(
-            f"elites: should be 1 to candidates ({options.candidates}), got {options.elites}"
-        )
+    elites, candidates = options.elites, options.candidates
+    if elites is not None and candidates is not None and elites > candidates:
+        raise ValueError(f"elites: should be 1 to candidates ({candidates}), got {elites}")
     return options

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from crowdbench_agents.latent_planner.mppi import encode_views, plan
+from crowdbench_agents.latent_planner.plain import PlainEvaluator
+from crowdbench_agents.latent_planner.plan_queue import PlanQueue
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.inputs import ActionBounds, Inputs
@@ -53,8 +55,8 @@ class Explorer:
         self._model, self._config = model, config
         self._half = torch.from_numpy(bounds.half)
         count, horizon = config.training.environments, config.planner.horizon
-        self._plans = torch.zeros(count, horizon, 2)
-        self._at = np.zeros(count, np.int64)
+        self._evaluator = PlainEvaluator(model)
+        self._queue = PlanQueue(count, horizon)
         self._left = np.zeros(count, np.int64)
         self._exploring = np.zeros(count, bool)
         training = config.training
@@ -74,8 +76,7 @@ class Explorer:
     def begin(self, which: NDArray[np.integer], velocity: NDArray[np.float32]) -> None:
         """Forget the plans of environments (N,) that begin, at ``velocity`` (N, 2) in [-1, 1]."""
         self._left[which] = 0
-        self._plans[which] = 0.0
-        self._at[which] = 0
+        self._queue.clear(which)
         self._last[which] = torch.from_numpy(velocity.astype(np.float32))
 
     @torch.no_grad()
@@ -86,18 +87,17 @@ class Explorer:
         z = self._model.encode(inputs)
         self._decide(z, inputs)
         noise = torch.randn(count, 2, generator=self.generator)
-        action = self._model.sample(z, noise)[0].float()
+        drawn = self._model.sample(z, noise)[0].float()
         planning = torch.from_numpy(self._planning)
-        at = np.minimum(self._at, self._plans.shape[1] - 1)  # where nothing is planned it runs on
-        planned = self._plans[torch.arange(count), torch.from_numpy(at)]
-        action = torch.where(planning[:, None], planned, action).numpy()
+        just_made = self._queue.taken == 0
+        planned = self._queue.take(np.arange(count))
+        action = torch.where(planning[:, None], planned, drawn).numpy()
         explored = action + self._noise.step() * self._exploring[:, None]
         executed = np.clip(explored, -1, 1).astype(np.float32)
         self._last = torch.from_numpy(executed)
         # What was planned some steps ago, blind to what has been seen since, is no good example.
-        source = np.where(self._planning & (self._at == 0), PLANNER, NOBODY).astype(np.uint8)
+        source = np.where(self._planning & just_made, PLANNER, NOBODY).astype(np.uint8)
         self._left -= 1
-        self._at += 1
         return Acts(executed, planned.numpy(), source)
 
     def _decide(self, z: torch.Tensor, inputs: Inputs) -> None:
@@ -109,16 +109,13 @@ class Explorer:
         self.decisions += len(due)
         due = due[self._planning[due]]
         if len(due):
-            done = torch.from_numpy(self._at[due])
-            steps = (torch.arange(horizon) + done[:, None]).clamp(max=horizon - 1)
-            warm_start = self._plans[due].gather(1, steps[..., None].expand(-1, -1, 2))
             seen = Inputs(*(x[due] for x in inputs))
             views = encode_views(self._model, z[due], seen, self._config.planner)
-            self._plans[due] = plan(
-                self._model, views, self._last[due], self._config.planner,
-                self._config.loss.discount, self._half, self.generator, warm_start,
-            ).actions  # fmt: skip
-            self._at[due] = 0
+            made = plan(
+                self._evaluator, views, self._last[due], self._config.planner,
+                self._config.loss.discount, self._half, self.generator, self._queue.rest(due),
+            )  # fmt: skip
+            self._queue.put(due, made.actions)
 
     def state(self) -> dict[str, Any]:
         """Counters and random state."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -43,12 +44,12 @@ class Learner:
         fast = [*self.model.outcome.parameters(), *self.model.q_networks.parameters()]
         self._model_parameters = [*slow, *fast]
         self._policy_parameters = list(self.model.policy_network.parameters())
+        groups: list[dict[str, Any]] = [
+            {"params": slow, "lr": rates.learning_rate_model},
+            {"params": fast},
+        ]
         self._optimizers = {
-            "model": torch.optim.Adam(
-                [{"params": slow, "lr": rates.learning_rate_model}, {"params": fast}],
-                lr=rates.learning_rate,
-                fused=True,
-            ),
+            "model": torch.optim.Adam(groups, lr=rates.learning_rate, fused=True),
             "policy": torch.optim.Adam(self._policy_parameters, lr=rates.learning_rate, fused=True),
             "alpha": torch.optim.Adam([self.log_alpha], lr=rates.learning_rate),
         }
@@ -100,7 +101,7 @@ class Learner:
         self.updates += 1
         return terms
 
-    def check(self, terms: dict[str, float]) -> None:
+    def check(self, terms: Mapping[str, float]) -> None:
         """Stop a training that has died.
 
         Args:
@@ -178,5 +179,6 @@ class Learner:
     @torch.no_grad()
     def _update_target(self) -> None:
         rate = self.config.training.target_rate
-        slow, fast = list(self.target.parameters()), list(self.model.parameters())
+        slow: list[Tensor] = list(self.target.parameters())
+        fast: list[Tensor] = list(self.model.parameters())
         torch._foreach_lerp_(slow, fast, rate)

@@ -1,21 +1,21 @@
-"""MPPI in latent space (paper, section III.C), plain form, for several robots at once.
+"""MPPI in latent space (paper, section III.C), for several robots at once.
 
-Candidate action sequences are drawn from a time-dependent Gaussian and from the policy, rolled
-out with the world model, scored by predicted rewards, a final Q and a smoothness penalty, and the
-best of them move the Gaussian.
+Candidate action sequences are drawn from a time-dependent Gaussian and from the policy, scored by
+the returns that a model predicts for them and a smoothness penalty, and the best of them move the
+Gaussian. Who predicts the returns is an ``Evaluator``.
 """
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
+from crowdbench_agents.latent_planner.scoring import Evaluator, Score, Scoring, View
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.config import Planner
 from crowdbench_agents.learning.inputs import ACTION, REFLECT, Inputs
 from torch import Tensor
-
-Score = Literal["reward_q", "reward", "q"]
 
 
 class Plan(NamedTuple):
@@ -52,7 +52,7 @@ def view_signs(views: Tensor) -> Tensor:
 
 @torch.no_grad()
 def plan(
-    model: WorldModel,
+    evaluator: Evaluator,
     views: Tensor,
     previous: Tensor,
     settings: Planner,
@@ -65,7 +65,7 @@ def plan(
     """Optimise action sequences for M robots.
 
     Args:
-        model: the world model.
+        evaluator: of the world model.
         views: (V, M, latent) current latent states, as from ``encode_views``. Each view gives its
             share of the policy's candidates, and a score is the mean of what it is in each view.
         previous: (M, 2) the actions executed last, in [-1, 1].
@@ -73,40 +73,60 @@ def plan(
         discount: gamma per step.
         half_range: (2,) half the range of v [m/s] and w [rad/s]: converts changes to physical ones.
         generator: of all noise.
-        warm_start: (M, H, 2) the previous plan moved on by what was executed; with
+        warm_start: (M, H, 2) the previous plan moved on by what was executed, zero by default; with
             ``settings.start`` "policy" and some candidates from the policy it is not used.
         score: which of the predicted terms count.
     """
-    robots, horizon, sign = views.shape[1], settings.horizon, view_signs(views)
+    robots, horizon = views.shape[1], settings.horizon
+    scoring = Scoring(settings, discount, score)
+    seen = [
+        evaluator.view(z, sign, scoring) for z, sign in zip(views, view_signs(views), strict=True)
+    ]
+
+    def penalty(candidates: Tensor) -> Tensor:
+        return settings.smoothness_weight * smoothness_penalty(candidates, previous, half_range)
+
+    def draw(count: int) -> Tensor:
+        return torch.randn(robots, count, horizon, ACTION, generator=generator)
+
     guided = round(settings.policy_share * settings.candidates)
-    free = settings.candidates - guided
-    mean = torch.zeros(robots, horizon, ACTION) if warm_start is None else warm_start
+    from_policy_first = settings.start == "policy"
+    # What the policy proposes stays the same over the iterations and is scored once.
+    known, returns = _propose(seen, draw(guided), noiseless_first=from_policy_first)
+    scores = returns - penalty(known)
+    if from_policy_first and guided:
+        mean = known[:, 0]
+    else:
+        mean = torch.zeros(robots, horizon, ACTION) if warm_start is None else warm_start
     std = torch.full_like(mean, settings.max_std)
-
-    def draw(*shape: int) -> Tensor:
-        return torch.randn(*shape, generator=generator)
-
-    from_policy = []
-    noises = draw(robots, guided, horizon, ACTION).tensor_split(len(views), dim=1)
-    for view, flip, noise in zip(views, sign, noises, strict=True):
-        if settings.start == "policy":
-            noise[:, :1] = 0.0
-        from_policy.append(flip * policy_rollouts(model, view, noise))
-    from_policy = torch.cat(from_policy, dim=1)
-    if settings.start == "policy" and guided:
-        mean = from_policy[:, 0]
-    fixed = torch.cat([from_policy, constant_actions(settings).expand(robots, -1, -1, -1)], dim=1)
+    # So do constant actions; they are scored beside the first candidates drawn.
+    unscored = constant_actions(settings).expand(robots, -1, -1, -1)
     for _ in range(settings.iterations):
-        sampled = mean[:, None] + std[:, None] * draw(robots, free, horizon, ACTION)
-        candidates = torch.cat([fixed, sampled.clamp(-1, 1)], dim=1)
-        options = settings, discount, half_range, score
-        seen = [
-            evaluate(model, view, flip * candidates, flip * previous, *options)
-            for view, flip in zip(views, sign, strict=True)
-        ]
-        scores = torch.stack(seen).mean(dim=0)
-        mean, std, best = refit(candidates, scores, settings)
+        sampled = mean[:, None] + std[:, None] * draw(settings.candidates - guided)
+        fresh = torch.cat([unscored, sampled.clamp(-1, 1)], dim=1)
+        candidates = torch.cat([known, fresh], dim=1)
+        fresh_scores = torch.stack([view.returns(fresh) for view in seen]).mean(dim=0)
+        all_scores = torch.cat([scores, fresh_scores - penalty(fresh)], dim=1)
+        mean, std, best = refit(candidates, all_scores, settings)
+        kept = known.shape[1] + unscored.shape[1]
+        known, scores = candidates[:, :kept], all_scores[:, :kept]
+        unscored = unscored[:, :0]
     return Plan(mean, std, best)
+
+
+def _propose(
+    seen: Sequence[View], noise: Tensor, *, noiseless_first: bool
+) -> tuple[Tensor, Tensor]:
+    """The policy's candidates in all views, (M, N, H, 2) for noise of that shape, and returns."""
+    candidates, returns = [], []
+    for view, part in zip(seen, noise.tensor_split(len(seen), dim=1), strict=True):
+        if noiseless_first:
+            part[:, :1] = 0.0
+        actions, here = view.follow_policy(part)
+        elsewhere = [other.returns(actions) for other in seen if other is not view]
+        candidates.append(actions)
+        returns.append(torch.stack([here, *elsewhere]).mean(dim=0))
+    return torch.cat(candidates, dim=1), torch.cat(returns, dim=1)
 
 
 def refit(candidates: Tensor, scores: Tensor, settings: Planner) -> Plan:
@@ -124,62 +144,6 @@ def refit(candidates: Tensor, scores: Tensor, settings: Planner) -> Plan:
     variance = (weights * (elites - mean[:, None]).square()).sum(dim=1)
     std = variance.sqrt().clamp(settings.min_std, settings.max_std)
     return Plan(mean, std, best[:, 0])
-
-
-@torch.no_grad()
-def evaluate(
-    model: WorldModel,
-    z: Tensor,
-    candidates: Tensor,
-    previous: Tensor,
-    settings: Planner,
-    discount: float,
-    half_range: Tensor,
-    score: Score = "reward_q",
-) -> Tensor:
-    """phi of the paper for candidates (M, N, H, 2) from states z (M, latent): (M, N).
-
-    Rewards and values count only as far as the episode is predicted to go on. A value is the
-    smaller of both Qs: of the candidate's own action after k < H steps, of the policy's behind the
-    horizon.
-    """
-    robots, count, horizon, _ = candidates.shape
-    shares = value_shares(settings, horizon, score)
-    z = z[:, None].expand(-1, count, -1)
-    total = torch.zeros(robots, count)
-    weight = torch.ones(robots, count)
-    result = torch.zeros(robots, count)
-    for t in range(horizon):
-        action = candidates[:, :, t]
-        if shares[t] > 0:
-            result += shares[t] * (total + weight * model.q(z, action).float().amin(dim=0))
-        if score != "q":
-            reward, end = model.reward_and_end(z, action)
-            total = total + weight * reward.float()
-            weight = weight * discount * torch.sigmoid(-end.float())
-        z = model.next(z, action)
-    if score != "reward":
-        total = total + weight * model.q(z, model.act(z)).float().amin(dim=0)
-    result += shares[horizon] * total
-    return result - settings.smoothness_weight * smoothness_penalty(
-        candidates, previous, half_range
-    )
-
-
-def value_shares(settings: Planner, horizon: int, score: Score) -> list[float]:
-    """H + 1 shares in the score: of the returns of k = 0 .. H rewards and the value behind them.
-
-    "final" is the paper's. The others are less exposed to the error of a single value, which the
-    best of many candidates would otherwise be chosen for. With "lambda" the score is the
-    lambda-return (Sutton and Barto, Reinforcement Learning, 2nd edition, section 12.1). Rewards
-    alone are always summed up to the horizon.
-    """
-    decay = settings.return_lambda
-    if settings.values == "final" or score == "reward":
-        return [0.0] * horizon + [1.0]
-    if settings.values == "mean":
-        return [0.0] + [1 / horizon] * horizon
-    return [(1 - decay) * decay**k for k in range(horizon)] + [decay**horizon]
 
 
 def constant_actions(settings: Planner) -> Tensor:
@@ -204,14 +168,3 @@ def smoothness_penalty(candidates: Tensor, previous: Tensor, half_range: Tensor)
     """
     before = torch.cat([previous[:, None, None].expand_as(candidates[:, :, :1]), candidates], dim=2)
     return (before.diff(dim=2) * half_range).square().sum(dim=(2, 3))
-
-
-def policy_rollouts(model: WorldModel, z: Tensor, noise: Tensor) -> Tensor:
-    """Action sequences (M, N, H, 2) of the policy from states z, noise of that shape."""
-    z = z[:, None].expand(-1, noise.shape[1], -1)
-    actions = []
-    for t in range(noise.shape[2]):
-        action, _ = model.sample(z, noise[:, :, t])
-        actions.append(action)
-        z = model.next(z, action)
-    return torch.stack(actions, dim=2)

@@ -1,7 +1,7 @@
 """Configuration of the learned agents: the paper's values as defaults, config.yaml as shipped.
 
 Every field says its unit where it has one. Unknown keys and values out of range are refused.
-docs/training.md gives the measurement behind each value that differs from the paper's.
+docs/training.md says why each value that differs from the paper's does.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from crowdbench_agents.learning.perception import MapGeometry
 from pydantic import (
     BaseModel,
@@ -20,6 +19,8 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+
+import crowdbench
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -242,9 +243,9 @@ def load_config(path: str | Path | None = None) -> Config:
     """
     path = Path(path) if path else Path(__file__).parent / "config.yaml"
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
+        document = crowdbench.read_yaml(path)
+    except crowdbench.YamlError as error:
+        raise ConfigError(str(error)) from error
     if not isinstance(document, dict):
         raise ConfigError(f"{path}: expected sections {', '.join(Config.model_fields)}")
     return parse_config(document, source=str(path))

@@ -21,8 +21,10 @@ class Encoder(nn.Module):
         form: of f_map. "coarse" has 3D kernels whose first layer takes patches of 4 x 4 cells and
             4 frames. In "fine" the first layer takes patches of 4 x 4 cells at every second cell
             and all 8 frames at once, so that what moves is seen before resolution is lost; it
-            foresees collisions better (docs/training.md) at twice the arithmetic.
+            foresees collisions better (docs/training_notes.md) at twice the arithmetic.
     """
+
+    _bits: Tensor
 
     def __init__(self, cells: int, latent: int, form: Literal["coarse", "fine"]) -> None:
         super().__init__()
@@ -62,7 +64,7 @@ def _coarse_map() -> nn.Sequential:
         nn.Conv3d(64, 128, kernel_size=(1, 3, 3), padding=(0, 1, 1)),
         nn.SiLU(),
         nn.Flatten(),
-    ).to(memory_format=torch.channels_last_3d)
+    ).to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
 
 
 def _fine_map() -> nn.Sequential:
@@ -80,4 +82,4 @@ def _fine_map() -> nn.Sequential:
         nn.Conv2d(64, 64, kernel_size=3, padding=1),
         nn.SiLU(),
         nn.Flatten(),
-    ).to(memory_format=torch.channels_last)
+    ).to(memory_format=torch.channels_last)  # type: ignore[call-overload]

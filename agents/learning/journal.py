@@ -109,7 +109,7 @@ class Journal:
         self._point(row)
         scalars = {f"validation/{name}": value for name, value in result.success.items()}
         scalars |= {"validation_mean": result.mean, "validation_smoothness": result.smoothness}
-        self.scalars(scalars, row["steps"])
+        self.scalars(scalars, int(counts["steps"]))
         each = " ".join(f"{value:.2f}" for value in result.success.values())
         self.say(
             f"{row['seconds'] / 60:.1f} min, {row['steps']} steps, {row['updates']} updates: "

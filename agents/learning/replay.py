@@ -96,8 +96,8 @@ class Replay:
     def append(self, lanes: NDArray[np.integer], rows: Rows) -> None:
         """Add one row to each of the given lanes (N,)."""
         at = self._written[lanes] % self.rows
-        for kept, new in zip(self._data, rows, strict=True):
-            kept[lanes, at] = new
+        for name in Rows._fields:
+            getattr(self._data, name)[lanes, at] = getattr(rows, name)
         self._written[lanes] += 1
 
     def append_step(
@@ -119,10 +119,13 @@ class Replay:
         """
         everywhere = np.arange(self.lanes)
         collision, final = result.outcome == "collision", np.zeros(self.lanes, bool)
-        step = (action, result.reward, result.social, result.end, collision, final)
-        self.append(everywhere, Rows(*before, *step, reference, source))
+        rows = Rows(
+            before.map, before.velocity, before.goal, action, result.reward, result.social,
+            result.end, collision, final, reference, source,
+        )  # fmt: skip
+        self.append(everywhere, rows)
         over = np.flatnonzero(result.over)
-        self.append(over, final_rows(*(x[over] for x in after)))
+        self.append(over, final_rows(after.map[over], after.velocity[over], after.goal[over]))
 
     def mark_episode_ends(self) -> None:
         """Mark the newest row of each lane as final: what follows is another episode."""

@@ -29,7 +29,7 @@ class PolicyInput(NamedTuple):
 
     sensed: Sensed
     velocity: NDArray[np.float32]
-    place: NDArray[np.int64]
+    place: NDArray[np.integer]
     steps: NDArray[np.int64]
 
 
@@ -91,8 +91,8 @@ def validate(
         return begun
 
     running = begin(np.arange(envs.count))
-    success = {name: [] for name in names}
-    efficiency = {name: [] for name in names}
+    success: dict[str, list[bool]] = {name: [] for name in names}
+    efficiency: dict[str, list[float]] = {name: [] for name in names}
     changes, seconds = [], []
     steps = np.zeros(envs.count, np.int64)
     while len(running):
@@ -124,9 +124,7 @@ def validate(
 
 
 def _shortest_way(envs: VectorEnv, index: int) -> float:
-    environment, robot = envs.environments[index], envs.robot
-    assert environment is not None
-    state = environment.state()
+    state, robot = envs.environment(index).state(), envs.robot
     return shortest_way(
         state["robot_pose"][0, :2], state["robot_goal"][0], state["walls"], state["obstacles"],
         (robot.length, robot.width), robot.goal_tolerance,

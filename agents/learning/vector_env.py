@@ -25,7 +25,7 @@ class Sensed(NamedTuple):
 
     def copy(self) -> Sensed:
         """The same, not changed by later steps."""
-        return Sensed(*(array.copy() for array in self))
+        return Sensed(self.map.copy(), self.velocity.copy(), self.goal.copy())
 
 
 class Outcomes(NamedTuple):
@@ -70,7 +70,7 @@ class VectorEnv:
         self.robot = robot
         self.bounds = ActionBounds.of(robot)
         self._maps = ObstacleMaps(count, robot.lidar_angles, robot.lidar_range, geometry)
-        self.environments: list[crowdbench.CrowdEnv | None] = [None] * count
+        self._environments: list[crowdbench.CrowdEnv | None] = [None] * count
         self.scenario = np.empty(count, dtype=object)
         self.seed = np.zeros(count, np.int64)
         self.raw: list[dict[str, NDArray[np.float32]]] = [{}] * count
@@ -97,7 +97,7 @@ class VectorEnv:
             idle = self._idle[name]
             environment = idle.pop() if idle else crowdbench.parallel_env(name)
             observations, _ = environment.reset(seed=seed)
-            self.environments[index] = environment
+            self._environments[index] = environment
             self.scenario[index], self.seed[index] = name, seed
             self.raw[index] = observations[ROBOT]
             self._maps.reset(index)
@@ -112,9 +112,9 @@ class VectorEnv:
         end, over = np.zeros(len(which), bool), np.zeros(len(which), bool)
         outcome = np.full(len(which), "running", dtype="U12")
         for i, index in enumerate(which):
-            environment = self.environments[index]
-            assert environment is not None
-            seen, rewards, ended, truncated, infos = environment.step({ROBOT: actions[i]})
+            seen, rewards, ended, truncated, infos = self.environment(index).step(
+                {ROBOT: actions[i]}
+            )
             self.raw[index] = seen[ROBOT]
             social[i], end[i] = infos[ROBOT]["reward_terms"]["social"], ended[ROBOT]
             reward[i] = rewards[ROBOT] - social[i]
@@ -125,11 +125,14 @@ class VectorEnv:
 
     def observation(self, index: int, state: bool = False) -> crowdbench.Observation:
         """What an agent sees in one environment, with the true state for a privileged one."""
-        environment = self.environments[index]
-        assert environment is not None
-        return crowdbench.Observation(
-            **self.raw[index], state=environment.state() if state else None
-        )
+        known = self.environment(index).state() if state else None
+        return crowdbench.Observation(**self.raw[index], state=known)
+
+    def environment(self, index: int) -> crowdbench.CrowdEnv:
+        """The environment of an episode that has begun."""
+        environment = self._environments[index]
+        assert environment is not None, f"no episode has begun in environment {index}"
+        return environment
 
     def _sense(self, which: NDArray[np.integer]) -> None:
         if not len(which):
@@ -142,7 +145,7 @@ class VectorEnv:
         self.sensed.goal[which] = np.stack([seen["goal"] for seen in raw])
 
     def _release(self, index: int) -> None:
-        environment = self.environments[index]
+        environment = self._environments[index]
         if environment is not None:
             self._idle[self.scenario[index]].append(environment)
-            self.environments[index] = None
+            self._environments[index] = None

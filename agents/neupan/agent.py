@@ -13,14 +13,14 @@ import warnings
 from collections import deque
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import yaml
 from crowdbench_agents.neupan.dune import Array, Dune, Footprint, load_dune
 from crowdbench_agents.neupan.motion import Tracker
 from crowdbench_agents.neupan.nrmp import Limits, Weights
 from crowdbench_agents.neupan.pan import Pan, Scene
+from pydantic import Field, Strict
 
 import crowdbench
 
@@ -94,10 +94,12 @@ def load_settings(path: Path = FOLDER / "config.yaml") -> Settings:
     Raises:
         ValueError: a missing or unknown setting, or a value out of range; names the file.
     """
-    document: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    document: Any = crowdbench.read_yaml(path)
     known = {field.name for field in fields(Settings)}
+    if not isinstance(document, dict):
+        raise ValueError(f"{path}: expected 'setting: value' lines")
     if odd := set(document) ^ known:
-        raise ValueError(f"{path}: missing or unknown settings: {', '.join(sorted(odd))}")
+        raise ValueError(f"{path}: missing or unknown settings: {', '.join(sorted(map(str, odd)))}")
     try:
         return Settings(**{**document, "swerves": tuple(document["swerves"])})
     except (TypeError, ValueError) as error:
@@ -109,12 +111,12 @@ class Neupan(crowdbench.Agent):
 
     def __init__(
         self,
-        exact: bool | None = None,
-        predict: Prediction | None = None,
-        horizon: int | None = None,
-        iterations: int | None = None,
-        reference_speed: float | None = None,
-        config: str | None = None,
+        exact: Annotated[bool | None, Strict()] = None,
+        predict: Annotated[Prediction | None, Field()] = None,
+        horizon: Annotated[int | None, Field(ge=1, le=100)] = None,
+        iterations: Annotated[int | None, Field(ge=1, le=100)] = None,
+        reference_speed: Annotated[float | None, Field(gt=0, le=20)] = None,
+        config: Annotated[str | None, Strict()] = None,
     ) -> None:
         """Use the settings in ``config`` (default: config.yaml), some of them replaced.
 
@@ -122,7 +124,7 @@ class Neupan(crowdbench.Agent):
             ValueError: a setting out of range.
         """
         settings = load_settings(Path(config)) if config else load_settings()
-        options = {
+        options: dict[str, Any] = {
             "exact": exact,
             "predict": predict,
             "horizon": horizon,

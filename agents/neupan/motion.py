@@ -182,7 +182,7 @@ def _bodies(
 
 @compiled()
 def _fit_circle(
-    points: Array, n: int
+    points: Array, n: int | np.integer
 ) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
     """Circle through n points seen from the origin: x, y, radius, root mean square error [m].
 

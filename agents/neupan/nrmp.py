@@ -161,6 +161,7 @@ class Nrmp:
             )
         z = np.full(len(p.f), np.nan)
         if flag >= 0:
+            assert self._model is not None
             z, _, flag, _ = self._model.solve()
         if flag <= 0 or not np.isfinite(z).all():
             self._model = None  # what failed is no warm start

@@ -23,6 +23,9 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 from torch.nn.functional import layer_norm
 
+Observations = dict[str, np.ndarray]
+"""Maps, velocities and goals of all environments."""
+
 
 class MapFeatures(BaseFeaturesExtractor):
     """The encoder of learned agents as a features extractor."""
@@ -60,7 +63,7 @@ class CrowdVecEnv(VecEnv):
         self._everywhere = np.arange(envs.count)
         super().__init__(envs.count, space, spaces.Box(-1, 1, (2,), np.float32))
 
-    def reset(self) -> dict[str, np.ndarray]:
+    def reset(self) -> Observations:
         """Begin an episode in every environment."""
         self._begin(self._everywhere)
         return self._sensed()
@@ -95,7 +98,7 @@ class CrowdVecEnv(VecEnv):
         self.envs.begin(which)
         self._experts.begin(which)
 
-    def _sensed(self) -> dict[str, np.ndarray]:
+    def _sensed(self) -> Observations:
         return {key: value.copy() for key, value in self.envs.sensed._asdict().items()}
 
     def close(self) -> None:
@@ -120,10 +123,13 @@ class CrowdVecEnv(VecEnv):
 class CrowdReplay(DictReplayBuffer):
     """The replay of learned agents, with demonstrations, behind Stable-Baselines3's interface."""
 
+    sampled: Batch
+    """What was sampled last, with its expert labels."""
+
     def __init__(
         self,
         buffer_size: int,
-        observation_space: spaces.Space,
+        observation_space: spaces.Dict,
         action_space: spaces.Space,
         device: Any = "cpu",
         n_envs: int = 1,
@@ -135,10 +141,16 @@ class CrowdReplay(DictReplayBuffer):
     ) -> None:
         super().__init__(1, observation_space, action_space, device, n_envs=n_envs)
         self._config, self._replay, self._draw = config, replay, draw
-        self.sampled: Batch | None = None
-        """What was sampled last, with its expert labels."""
 
-    def add(self, obs, next_obs, action, reward, done, infos) -> None:
+    def add(  # type: ignore[override]
+        self,
+        obs: Observations,
+        next_obs: Observations,
+        action: np.ndarray,
+        reward: np.ndarray,
+        done: np.ndarray,
+        infos: list[dict[str, Any]],
+    ) -> None:
         """Keep one step of every environment."""
         lanes, count = np.arange(self.n_envs), self.n_envs
         social = np.array([info["social"] for info in infos], np.float32)
@@ -161,7 +173,9 @@ class CrowdReplay(DictReplayBuffer):
             last = (next_obs[key][over] for key in ("map", "velocity", "goal"))
             self._replay.append(over, final_rows(*last))
 
-    def sample(self, batch_size: int, env: Any = None) -> DictReplayBufferSamples:
+    def sample(  # type: ignore[override]
+        self, batch_size: int, env: Any = None
+    ) -> DictReplayBufferSamples:
         """Draw n-step transitions, a share of them from the demonstrations."""
         loss, scale = self._config.loss, self._config.training.reward_scale
         self.sampled = self._draw(batch_size, loss.n_step)

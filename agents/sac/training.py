@@ -25,8 +25,10 @@ from crowdbench_agents.sac.networks import FORMAT, SacActor
 from numpy.typing import NDArray
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 
 BATCH = 256
+ONE_STEP = TrainFreq(1, TrainFrequencyUnit.STEP)
 ENDLESS = 10**12  # steps; the training loop ends a run
 
 
@@ -52,7 +54,6 @@ class SacRun(TrainingRun):
             batch_size=BATCH,
             tau=settings.target_rate,
             gamma=config.loss.discount,
-            train_freq=1,
             replay_buffer_class=CrowdReplay,
             replay_buffer_kwargs={"config": config, "replay": self.replay, "draw": self.sample},
             ent_coef=f"auto_{config.loss.entropy}",
@@ -65,6 +66,8 @@ class SacRun(TrainingRun):
             seed=seed,
             device="cpu",
         )
+        assert isinstance(self.model.replay_buffer, CrowdReplay)
+        self._buffer = self.model.replay_buffer
         self.model.set_logger(Logger(None, []))
         self.model.lr_schedule = lambda _progress: (
             settings.learning_rate * config.learning_rate_factor(self.updates)
@@ -99,8 +102,9 @@ class SacRun(TrainingRun):
     def step(self) -> None:
         """One control step in every environment."""
         model = self.model
+        assert model.env is not None
         model.collect_rollouts(
-            model.env, self._callback, model.train_freq, model.replay_buffer,
+            model.env, self._callback, ONE_STEP, self._buffer,
             learning_starts=model.learning_starts,
         )  # fmt: skip
 
@@ -114,7 +118,7 @@ class SacRun(TrainingRun):
 
         As in the latent planner's policy loss, a is drawn from the policy.
         """
-        batch = self.model.replay_buffer.sampled
+        batch = self._buffer.sampled
         weight = self.config.expert_weight(self.updates)
         labelled = np.flatnonzero(batch.labelled[0])
         if weight == 0 or not len(labelled):
@@ -135,11 +139,11 @@ class SacRun(TrainingRun):
 
     def scalars(self) -> dict[str, float]:
         """The entropy coefficient."""
-        return {"alpha": float(self.model.log_ent_coef.detach().exp())}
+        return {"alpha": float(self._entropy()[0].detach().exp())}
 
     def actor(self) -> SacActor:
         """The present actor on its own."""
-        source = self.model.policy.actor
+        source: Any = self.model.policy.actor
         actor = SacActor(self.config.perception.cells, self.config.model)
         actor.encoder.load_state_dict(source.features_extractor.encoder.state_dict())
         actor.hidden.load_state_dict(source.latent_pi.state_dict())
@@ -161,27 +165,34 @@ class SacRun(TrainingRun):
 
     def state(self) -> dict[str, Any]:
         """Networks, optimisers and random state."""
-        model = self.model
+        model, (log_alpha, optimizer) = self.model, self._entropy()
         return {
             "policy": model.policy.state_dict(),
             "actor_optimizer": model.actor.optimizer.state_dict(),
             "critic_optimizer": model.critic.optimizer.state_dict(),
-            "alpha_optimizer": model.ent_coef_optimizer.state_dict(),
-            "log_alpha": model.log_ent_coef.detach().clone(),
+            "alpha_optimizer": optimizer.state_dict(),
+            "log_alpha": log_alpha.detach().clone(),
             "torch_rng": torch.get_rng_state(),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned."""
-        model = self.model
+        model, (log_alpha, optimizer) = self.model, self._entropy()
         model.policy.load_state_dict(state["policy"])
         model.actor.optimizer.load_state_dict(state["actor_optimizer"])
         model.critic.optimizer.load_state_dict(state["critic_optimizer"])
-        model.ent_coef_optimizer.load_state_dict(state["alpha_optimizer"])
+        optimizer.load_state_dict(state["alpha_optimizer"])
         with torch.no_grad():
-            model.log_ent_coef.copy_(state["log_alpha"])
+            log_alpha.copy_(state["log_alpha"])
         torch.set_rng_state(state["torch_rng"])
         model.num_timesteps, model._n_updates = state["steps"], state["updates"]
+
+    def _entropy(self) -> tuple[torch.Tensor, torch.optim.Optimizer]:
+        """Logarithm of the entropy coefficient and its optimiser, there because it is tuned."""
+        log_alpha, optimizer = self.model.log_ent_coef, self.model.ent_coef_optimizer
+        assert log_alpha is not None
+        assert optimizer is not None
+        return log_alpha, optimizer
 
 
 def train(

@@ -5,8 +5,9 @@ Everything heavy is imported inside the commands, so that ``crowdbench --help`` 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
@@ -47,7 +48,9 @@ app.command("import")(import_results)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the user's mistakes become one red line and exit code 2."""
     try:
-        app(args=None if arguments is None else list(arguments), prog_name="crowdbench")
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            app(args=None if arguments is None else list(arguments), prog_name="crowdbench")
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
     except (
@@ -57,6 +60,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)
         return 2
     return 0
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """A warning as one yellow line, without the place in the code."""
+    text = " ".join(f"warning: {message}".split())
+    err().print(text, style="yellow", markup=False, soft_wrap=True)
 
 
 def _version(wanted: bool) -> None:

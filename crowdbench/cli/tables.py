@@ -21,7 +21,7 @@ _BETWEEN_LINES = 60.0
 
 def tables(
     study: Annotated[
-        str, typer.Argument(metavar="[STUDY]", help="Name of a study, or FILE.py with one.")
+        str, typer.Argument(metavar="STUDY", help="Name of a study, or FILE.py with one.")
     ] = DEFAULT_STUDY,
     run: Annotated[
         bool, typer.Option("--run", help="Run the episodes that are missing first.")
@@ -31,10 +31,9 @@ def tables(
     ] = None,
     results: ResultsOption = PUBLISHED,
 ) -> None:
-    """Write a study's tables and figures, by default those of the paper.
+    """Write a study's tables, verdicts, figures and page from the stored episodes.
 
-    They are made from the stored episodes, as are the verdicts and the README.md beside them. The
-    default study is written to the results folder, others to RESULTS/studies/NAME.
+    The default study goes to the results folder, others go to RESULTS/studies/NAME.
     """
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal

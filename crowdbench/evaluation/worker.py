@@ -8,6 +8,7 @@ Everything heavy is imported in ``main``: the parent imports this module for the
 from __future__ import annotations
 
 import contextlib
+import copy
 import faulthandler
 import hashlib
 import os
@@ -130,7 +131,7 @@ class _Worker:
                 return self._described
             return self._run(message)
         except (AgentError, ScenarioError) as error:
-            return Refused(type(error)(str(error)))
+            return Refused(copy.copy(error))  # without what caused it, which may not travel
         except Exception:
             return Broken(traceback.format_exc())
 

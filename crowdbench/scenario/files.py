@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from crowdbench.messages import nearest, short
+from crowdbench.messages import nearest, printable, short
 from crowdbench.scenario.changes import assign, flatten, merge
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
@@ -94,7 +94,9 @@ def _read(path: Any) -> dict[str, Any]:
     except YamlError as error:
         raise ScenarioError(str(error)) from error
     if not isinstance(document, dict):
-        raise ScenarioError(f"{path}: expected 'key: value' lines, got {type(document).__name__}")
+        raise ScenarioError(
+            f"{printable(path)}: expected 'key: value' lines, got {type(document).__name__}"
+        )
     return document
 
 
@@ -108,7 +110,9 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         raise ScenarioError(f"unknown scenario {short(name)}{nearest(name, scenario_names())}")
     place = str(path.resolve() if isinstance(path, Path) else path)
     if place in seen:
-        raise ScenarioError(f"{path}: extends itself ({' -> '.join((*seen, place))})")
+        raise ScenarioError(
+            f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
+        )
     document = _read(path)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
@@ -118,7 +122,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         return document
     if not isinstance(parent, str):
         raise ScenarioError(
-            f"{path}: extends: expected the name of a scenario, got {short(parent)}"
+            f"{printable(path)}: extends: expected the name of a scenario, got {short(parent)}"
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     return merge(beneath, document)

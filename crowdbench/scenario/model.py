@@ -14,7 +14,6 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from crowdbench.extensions import DRIVES, WALKING_MODELS
 from crowdbench.messages import Form, explain, short
@@ -28,11 +27,9 @@ MAX_STEPS = 100_000
 """Control steps of an episode, at most."""
 
 
-def _no_text(value: Any) -> Any:
-    """Refuse what pydantic would quietly turn into a number."""
-    if isinstance(value, bool | str | bytes):
-        raise PydanticCustomError("number_type", "not a number")
-    return value
+def _whole(value: Any) -> Any:
+    """Take 12.0 for 12, as YAML writes 1.2e1."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
@@ -53,9 +50,10 @@ def _known(registry: Registry[Any]) -> AfterValidator:
 
 
 T = TypeVar("T")
+Whole = BeforeValidator(_whole)
 Text = Annotated[str, Field(strict=True)]
-Whole = Annotated[int, BeforeValidator(_no_text)]
-Number = Annotated[float, BeforeValidator(_no_text)]
+# Strict: text and truth values are no numbers.
+Number = Annotated[float, Field(strict=True)]
 Positive = Annotated[Number, Field(ge=0.001)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Size = Annotated[Number, Field(ge=0.001, le=20)]
@@ -86,7 +84,7 @@ class Arena(_Section):
 class Robots(_Section):
     """The robots: how they drive, and their rectangular footprint."""
 
-    count: Whole = Field(1, ge=1, le=32, description="how many")
+    count: Annotated[int, Field(ge=1, le=32, strict=True), Whole] = Field(1, description="how many")
     drive: Annotated[Text, _known(DRIVES)] = later(
         "differential", "0.2", description="what an action means: the name of a drive"
     )
@@ -109,7 +107,9 @@ class Robots(_Section):
 class Lidar(_Section):
     """A planar LiDAR at the robot's centre."""
 
-    beams: Whole = Field(180, ge=1, le=4096, description="rays per scan, evenly spaced")
+    beams: Annotated[int, Field(ge=1, le=4096, strict=True), Whole] = Field(
+        180, description="rays per scan, evenly spaced"
+    )
     field_of_view: Positive = Field(360.0, le=360, description="centred ahead [deg]")
     range: Positive = Field(6.0, le=100, description="largest distance reported [m]")
     noise: NonNegative = Field(0.0, le=1, description="standard deviation of a distance [m]")
@@ -119,14 +119,18 @@ class Lidar(_Section):
 class Obstacles(_Section):
     """Static round obstacles, placed at random."""
 
-    count: Whole = Field(0, ge=0, le=200, description="how many")
+    count: Annotated[int, Field(ge=0, le=200, strict=True), Whole] = Field(
+        0, description="how many"
+    )
     radius: Range[Size] = Field((0.3, 0.5), description="drawn per obstacle [m]")
 
 
 class Pedestrians(_Section):
     """The people: how many, how they walk, where to, and how many of them are reactive."""
 
-    count: Whole = Field(8, ge=0, le=500, description="how many")
+    count: Annotated[int, Field(ge=0, le=500, strict=True), Whole] = Field(
+        8, description="how many"
+    )
     radius: Positive = Field(0.25, le=2, description="of everybody [m]")
     speed: Range[Speed] = Field(
         (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
@@ -198,7 +202,9 @@ class Scenario(_Section):
     )
     description: Text = Field("", description="what it is like, in a line")
     control_period: Positive = Field(0.2, le=2, description="time between two actions [s]")
-    substeps: Whole = Field(4, ge=1, le=50, description="physics steps per control period")
+    substeps: Annotated[int, Field(ge=1, le=50, strict=True), Whole] = Field(
+        4, description="physics steps per control period"
+    )
     time_limit: Positive = Field(40.0, le=3600, description="after which an episode ends [s]")
     arena: Arena = Arena()
     robots: Robots = Robots()

@@ -52,11 +52,21 @@ def misfit(scenario: Scenario) -> str:
     for side, needed, purpose in needs:
         extent = getattr(arena, side)
         if extent < needed - _ROUNDING:
-            return f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {needed:g}"
+            return (
+                f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {_up(needed):g}"
+            )
     longest = longest_travel(arena, robots)
     if robots.travel > longest + _ROUNDING:
+        across = 0.0 if arena.kind == "corridor" else arena.width - diameter
+        length = diameter + math.sqrt(max(0.0, robots.travel**2 - across**2))
         return (
             f"robots.travel: {robots.travel:g} m from start to goal do not fit into "
-            f"{arena.length:g} x {arena.width:g} m; allowed: <= {longest:g}"
+            f"{arena.length:g} x {arena.width:g} m; allowed: <= {max(0.0, -_up(-longest)):g}, "
+            f"or arena.length >= {_up(length):g}"
         )
     return ""
+
+
+def _up(metres: float) -> float:
+    """A bound as people read it, rounded so that it is itself allowed."""
+    return math.ceil((metres - _ROUNDING) * 1000) / 1000

@@ -61,9 +61,11 @@ coordinates; ``state_space`` has its keys and shapes. No agent that is to be com
 Starting state
 --------------
 Drawn from the episode seed. In the open, robots start on a circle of diameter ``robots.travel``
-with their goals opposite; in a corridor, ``robots.travel`` metres from them along it. They stand
-still and face their goals to within 30 degrees. Obstacles and pedestrians lie at random without
-overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and already walking.
+with their goals opposite; in a corridor, ``robots.travel`` metres from them along it; where several
+robots leave no room there, on lines elsewhere in the arena. Both ends lie inside the arena. Robots
+stand still and face their goals to within 30 degrees. Obstacles and pedestrians lie at random
+without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and already
+walking.
 
 Rewards
 -------

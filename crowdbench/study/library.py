@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import re
 import runpy
+from collections.abc import Sequence
 from pathlib import Path
 
 from crowdbench.agent import AgentError, AgentSpec, agent_names, describe_error, find_agent
 from crowdbench.evaluation.metrics import METRICS
+from crowdbench.messages import nearest, short
 from crowdbench.registry import Registry, UnknownNameError
-from crowdbench.scenario import ScenarioError, load_scenario, nearest
-from crowdbench.study.model import Study, StudyError
+from crowdbench.scenario import ScenarioError, load_scenario
+from crowdbench.study.model import (
+    Block,
+    Cell,
+    Claim,
+    Drawing,
+    Method,
+    Quantity,
+    Study,
+    StudyError,
+    Table,
+)
 
 STUDIES: Registry[Study] = Registry("study", "crowdbench.studies", {}, of=Study)
 """Installed studies by name."""
@@ -45,6 +57,7 @@ def check_study(study: Study) -> None:
     Raises:
         StudyError, AgentError, ScenarioError: the first thing that is not.
     """
+    _check_kinds(study)
     _check_names(study)
     cells = study.cells()
     for agent in dict.fromkeys(cell.agent for cell in (*cells, *study.recorded)):
@@ -52,14 +65,18 @@ def check_study(study: Study) -> None:
     for scenario in dict.fromkeys(cell.scenario for cell in (*cells, *study.recorded)):
         load_scenario(scenario)
     for cell in cells:
-        if cell.episodes < 1:
+        if not isinstance(cell.episodes, int) or cell.episodes < 1:
             raise StudyError(
-                f"agent {cell.agent!r}: episodes is {cell.episodes}, expected 1 or more"
+                f"agent {cell.agent!r}: episodes is {cell.episodes!r}, expected 1 or more"
             )
     quantities = [quantity.metric for table in study.tables for quantity in table.quantities]
     for metric in (*quantities, *(claim.metric for claim in study.claims)):
         if metric not in METRICS:
             raise StudyError(f"unknown metric {metric!r}{nearest(metric, list(METRICS))}")
+    _check_claims(study, cells)
+
+
+def _check_claims(study: Study, cells: Sequence[Cell]) -> None:
     numbers = [table.number for table in study.tables]
     run = {(cell.agent, cell.scenario) for cell in cells}
     for claim in study.claims:
@@ -76,6 +93,35 @@ def check_study(study: Study) -> None:
                     )
 
 
+def _check_kinds(study: Study) -> None:
+    """A forgotten comma makes no tuple, which would be told late and badly."""
+    fields: list[tuple[str, object, type]] = [
+        ("tables", study.tables, Table),
+        ("claims", study.claims, Claim),
+        ("figures", study.figures, Drawing),
+        ("more", study.more, Cell),
+        ("recorded", study.recorded, Cell),
+        ("shown", study.shown, str),
+    ]
+    for name, value, kind in fields:
+        _check_tuple(name, value, kind)
+    for table in study.tables:
+        where = f"table {table.number!r}, "
+        _check_tuple(where + "blocks", table.blocks, Block)
+        _check_tuple(where + "quantities", table.quantities, Quantity)
+        _check_tuple(where + "methods", table.methods, Method)
+        for block in table.blocks:
+            _check_tuple(where + "scenarios of a block", block.scenarios, str)
+    for claim in study.claims:
+        _check_tuple(f"claim {claim.text!r}, scenarios", claim.scenarios, str)
+
+
+def _check_tuple(name: str, value: object, kind: type) -> None:
+    if type(value) is not tuple or not all(isinstance(item, kind) for item in value):
+        got = short(value)
+        raise StudyError(f"{name}: expected a tuple of {kind.__name__}, got {got}")
+
+
 def _check_names(study: Study) -> None:
     numbers = [table.number for table in study.tables]
     drawings = [drawing.name for drawing in study.figures]
@@ -90,6 +136,18 @@ def _check_names(study: Study) -> None:
         for label in labels:
             if labels.count(label) > 1:
                 raise StudyError(f"table {table.number!r}: two methods have the label {label!r}")
+        places = {
+            (block.heading, label, quantity.metric)
+            for block in table.blocks
+            for label in labels
+            for quantity in table.quantities
+        }
+        for key in table.reference:
+            if key not in places:
+                raise StudyError(
+                    f"table {table.number!r}, reference {key!r}: no such cell; expected block "
+                    "heading, method label and metric"
+                )
     for name in study.shown:
         if name not in (*numbers, *drawings):
             known = nearest(name, [*numbers, *drawings])

@@ -92,17 +92,12 @@ class Block:
     """Columns that belong together: scenarios, pooled if there are several.
 
     Attributes:
-        scenarios: names or YAML files whose episodes count, each with the same weight; one may
-            stand without a tuple.
+        scenarios: names or YAML files whose episodes count, each with the same weight.
         heading: as printed; empty when a table has one block only.
     """
 
     scenarios: tuple[str, ...]
     heading: str = ""
-
-    def __post_init__(self) -> None:
-        """One scenario is a tuple of one."""
-        object.__setattr__(self, "scenarios", _names(self.scenarios))
 
 
 @dataclass(frozen=True)
@@ -138,7 +133,7 @@ class Claim:
         text: the claim in words; claims that differ in the metric only may share it.
         table: number of the table that holds its episodes; its claims are corrected together.
         better, worse: agents.
-        scenarios: names, or one; pooled with equal weights.
+        scenarios: of that table; pooled with equal weights.
         metric: name in ``METRICS``.
         factor, margin: see above; 1 and 0 for a plain order.
 
@@ -156,10 +151,9 @@ class Claim:
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        """Name agents as their episodes are stored; one scenario is a tuple of one."""
+        """Name agents as their episodes are stored."""
         for name in ("better", "worse"):
             object.__setattr__(self, name, str(AgentSpec.parse(getattr(self, name))))
-        object.__setattr__(self, "scenarios", _names(self.scenarios))
 
 
 class Drawing(NamedTuple):
@@ -242,7 +236,3 @@ class Study:
             for method in table.methods
             for scenario in block.scenarios
         ]
-
-
-def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(names)

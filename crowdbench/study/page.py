@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -133,6 +134,8 @@ def _reference(study: Study, tables: Sequence[Filled], orders: Sequence[Order]) 
 
 
 def _tables(study: Study, tables: Sequence[Filled]) -> str:
+    if not tables:
+        return ""
     shown = [filled for filled in tables if not study.shown or filled.table.number in study.shown]
     parts = ["## Tables\n"]
     if shown:
@@ -166,7 +169,8 @@ def _figures(study: Study, there: Mapping[str, bool]) -> str:
         elif study.shown and drawing.name not in study.shown:
             others.append(f"[{escape_markdown(drawing.title)}]({pdf})")
         else:
-            image = f'<img src="figures/{drawing.name}.png" width="500" alt="{drawing.title}">'
+            title = html.escape(drawing.title)
+            image = f'<img src="figures/{drawing.name}.png" width="500" alt="{title}">'
             caption = f"{escape_markdown(drawing.title)}. {drawing.caption} [PDF]({pdf})"
             parts.append(f"{image}\n\n{caption}\n")
     if others:

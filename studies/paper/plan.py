@@ -43,13 +43,13 @@ COMPARED = (
     Method(OURS, "Ours, H=6, E=1", COSTLY),
     *OTHERS,
 )
-VERY_DENSE = (Block("corridor_very_dense"),)
+VERY_DENSE = (Block(("corridor_very_dense",)),)
 REACTIVE = tuple(MOTIONS)
 NONREACTIVE = tuple(f"{name}_nonreactive" for name in MOTIONS)
 
 
 def _open(number: str, title: str, suffix: str) -> Table:
-    blocks = tuple(Block(name + suffix, heading) for name, heading in MOTIONS.items())
+    blocks = tuple(Block((name + suffix,), heading) for name, heading in MOTIONS.items())
     quantities = (SUCCESS, SPL, SMOOTH, INFERENCE)
     return with_reference(Table(number, title, blocks, quantities, COMPARED))
 

@@ -1,10 +1,15 @@
 """The ORCA agent: reaches goals past people, obstacles and walls with its LiDAR alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowdbench_agents.orca import STOP, Orca
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import crowdbench
+from crowdbench.evaluation.rollout import run_episode
 
 
 def test_with_nothing_around_it_drives_straight_at_full_speed(world):
@@ -60,3 +65,21 @@ def test_it_brakes_for_what_stands_in_its_arc(world):
 
 def test_it_needs_no_privileges():
     assert not Orca.privileged
+
+
+def test_an_omnidirectional_robot_evades_without_turning_and_arrives():
+    world = crowdbench.load_scenario("corridor_moderate", **{"robots.drive": "omnidirectional"})
+    (episode,) = run_episode(world, [Orca()], seed=900_003)
+    assert episode.outcome == "success"
+    assert np.ptp(episode.robot_pose[:, 2]) == 0.0
+    assert np.abs(episode.actions[:, 1]).max() > 0.2
+
+
+def test_an_omnidirectional_robot_brakes_for_what_stands_beside_it(world):
+    agent = Orca(margin=-0.2)  # blind to what it would have to evade
+    agent.reset(replace(world.spec, drive="omnidirectional"), 0)
+    # From the side to the disc it is 0.02 m more than it has to keep.
+    seen = world.observe((0, 0, 0), [(0.0, 0.15 + STOP + 0.3, 0.28)], goal=(0.0, 5.0))
+    ahead, left = agent.act(seen)
+    assert 0.0 <= left * world.spec.control_period <= 0.02 + 1e-6
+    assert abs(ahead) <= left + 1e-6

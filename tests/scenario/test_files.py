@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import warnings
+
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario, parse_overrides
 from crowdbench.scenario import scenario_names as names
+
+SCENARIO = load_scenario("multimodal_fast")
 
 
 @pytest.fixture
@@ -74,6 +78,19 @@ def test_a_missing_file_is_named():
         ("1: 3", "the key 1 is not a name"),
         ("- a", "expected 'key: value' lines, got list"),
         ("a: [", "not a YAML file"),
+        (
+            "extends: open\nlidar: {beams: 9}\nlidar: {noise: 0}",
+            "line 3: the key 'lidar' stands twice",
+        ),
+        ("lidar:\n  beams: 9\n  noise: 0\n  beams: 9", "line 4: the key 'beams' stands twice"),
+        ("extends: open\narena: &a {length: *a}", "line 2: an alias"),
+        ("time_limit: 2031-02-30", "time_limit: expected a number >= 0.001 and <= 3600"),
+        ("lidar: {beams: " + "8" * 5000 + "}", "line 1: a number of more than 4300 digits"),
+        ("lidar: {noise: " + "8" * 4000 + "}", "lidar.noise: expected a number >= 0 and <= 1"),
+        ("arena: " + "[" * 4000, "nested more than 32 deep"),
+        ('description: "\\ud800"', "is no value of its type"),
+        ("extends: " + "a/" * 3000 + "b", "unknown scenario 'a/a/"),
+        ("extends: " + "a/" * 3000 + "b.yaml", "scenario file '"),
         ("name: !!python/object/apply:os.getcwd []", "not a YAML file"),
         ("extends: 3", "extends: expected the name of a scenario, got 3"),
         ("extends: opn_x", "unknown scenario 'opn_x'"),
@@ -89,6 +106,7 @@ def test_a_file_that_is_wrong_is_refused_with_the_reason(written, text, told):
     message = refusal(path)
     assert told in message
     assert path in message or "extends" in text
+    assert len(message) < 600
 
 
 @pytest.mark.parametrize(
@@ -140,7 +158,14 @@ def test_overrides_from_a_command_line_are_yaml_values():
     assert scenario.name == "mine"
 
 
-@pytest.mark.parametrize("item", ["pedestrians.count", "=3", "a=["])
+def test_numbers_with_exponents_are_numbers_everywhere(written):
+    path = written("extends: open\nlidar: {noise: 1e-3}\ntime_limit: 3e1")
+    scenario = load_scenario(path, **parse_overrides(["robots.travel=5e0", "lidar.beams=9e1"]))
+    assert (scenario.lidar.noise, scenario.time_limit) == (0.001, 30)
+    assert (scenario.robots.travel, scenario.lidar.beams) == (5, 90)
+
+
+@pytest.mark.parametrize("item", ["pedestrians.count", "=3", "a=[", "a={b: 1, b: 2}", "a=*b"])
 def test_an_override_that_is_none_is_refused(item):
     with pytest.raises(ScenarioError, match="--set"):
         parse_overrides([item])
@@ -171,3 +196,75 @@ def test_the_digest_changes_with_the_world_and_only_with_it(field, factor):
 def test_a_scenario_survives_its_own_serialisation():
     scenario = load_scenario("corridor_dense")
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+
+
+WORLD = """\
+extends: corridor_dense
+name: mine
+time_limit: 30.5
+arena: {length: 15, width: 3}
+robots:
+  speed: [-0.3, 1.2]
+  acceleration: [0.8, 1.6]
+  travel: 11
+lidar: {noise: 1e-3}  # m
+"""
+PIECES = (
+    "2031-02-30", "9" * 5000, "[" * 200, "{a: " * 50, "&a [*a]", "!!float ''", "!!timestamp x",
+    '"\\ud800"', '"\\UFFFFFFFF"', "0x_", "1e999", "1e-320", ".nan", "\0", "\ud800", "- ", "? ",
+    ": ", "%YAML 9.9\n---\n", "<<: {a: 1}\n", "1: 2\n", "[1]: 2\n", "arena: {}\n", "'", "|\n", "\t",
+    "extends: [x]\n", "x" * 5000, "\ufeff", "null", "[[1, 2], 3]", "\u2028", "extends: mine.yaml\n",
+)  # fmt: skip
+MUTATIONS = st.lists(
+    st.tuples(
+        st.integers(0, len(WORLD)), st.integers(0, 8), st.sampled_from(PIECES) | st.text(max_size=2)
+    ),
+    min_size=1,
+    max_size=3,
+)
+
+
+def mutated(text, mutations):
+    for start, length, piece in mutations:
+        text = text[:start] + piece + text[start + length :]
+    return text
+
+
+def assert_loads_or_is_refused_in_a_short_line(load):
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            load()
+    except ScenarioError as error:
+        assert "\n" not in str(error)
+        assert len(str(error)) < 1000
+
+
+@settings(
+    max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(MUTATIONS)
+def test_any_file_is_a_scenario_or_a_line(tmp_path, mutations):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(mutated(WORLD, mutations).encode("utf-8", "surrogatepass"))
+    assert_loads_or_is_refused_in_a_short_line(lambda: load_scenario(path))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.sampled_from(
+        ["lidar.noise=1e-3", "robots.speed=[0, 1]", "arena={length: 9}", "name=x", "lidar=3"]
+    ),
+    MUTATIONS,
+)
+def test_any_override_is_taken_or_is_a_line(item, mutations):
+    item = mutated(item, mutations)
+    assert_loads_or_is_refused_in_a_short_line(
+        lambda: load_scenario(SCENARIO, **parse_overrides([item]))
+    )
+
+
+def test_a_file_with_a_name_that_cannot_be_printed_is_named_all_the_same(written):
+    message = refusal(written("a: [", "odd\n\udcff.yaml"))
+    assert "odd\\n\\udcff.yaml" in message
+    assert message.isprintable()

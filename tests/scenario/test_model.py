@@ -106,7 +106,7 @@ def test_no_field_takes_a_value_of_another_kind(field):
             "a",
             "two numbers, one for each number of an action, each >= 0.001",
         ),
-        ("robots.acceleration", 3, "or null (got 3)"),
+        ("robots.acceleration", 3, ", or null (got 3)"),
         ("robots.count", "four", "expected a whole number >= 1 and <= 32 (got 'four')"),
         ("arena", "open", "arena: expected a section of `key: value` lines (got 'open')"),
         ("arena.kind", 3, "arena.kind: expected 'open' or 'corridor' (got 3)"),

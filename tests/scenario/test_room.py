@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from crowdbench.scenario import ScenarioError, load_scenario
 from crowdbench.simulation.layout import place
 
+SLOW = load_scenario("unimodal_slow")
 LARGE = {"robots.length": 1.6, "robots.width": 1.2}  # 2 m across
 
 
@@ -49,6 +53,29 @@ def test_what_is_just_allowed_is_placed(changes):
 
 
 def test_the_stated_bound_is_itself_allowed():
-    with pytest.raises(ScenarioError, match=r"allowed: <= 9\.5$"):
+    with pytest.raises(ScenarioError, match=r"allowed: <= 9\.5, or arena.length >= 12\.5$"):
         load_scenario("unimodal_slow", **{"arena.kind": "corridor", "robots.travel": 12})
     load_scenario("unimodal_slow", **{"arena.kind": "corridor", "robots.travel": 9.5})
+    load_scenario(
+        "unimodal_slow",
+        **{"arena.kind": "corridor", "robots.travel": 12, "arena.length": 12.5},
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(["open", "corridor"]), st.floats(0.3, 3), st.floats(0.3, 2), st.floats(15, 60)
+)
+def test_any_stated_bound_is_itself_allowed(kind, length, width, travel):
+    changes = {"arena.kind": kind, "pedestrians.count": 0, "obstacles.count": 0}
+    changes |= {"robots.length": length, "robots.width": width, "robots.travel": travel}
+    with pytest.raises(ScenarioError) as caught:
+        SLOW.override(changes)
+    most, least = map(float, re.findall(r"= ([0-9.]+)", str(caught.value)))
+    place(SLOW.override({**changes, "robots.travel": most}), 0)
+    fitting = {**changes, "arena.length": least}
+    place(SLOW.override(fitting), 0)
+    with pytest.raises(ScenarioError) as caught:
+        SLOW.override({**fitting, "arena.width": 0.1})
+    (least,) = map(float, re.findall(r"= ([0-9.]+)", str(caught.value)))
+    place(SLOW.override({**fitting, "arena.width": least, "arena.length": 90}), 0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pages import unpack
 
 import crowdbench
 from crowdbench import Scenario, ScenarioError
@@ -140,3 +141,23 @@ def test_a_drive_that_cannot_be_used_is_refused_with_the_field(monkeypatch, kind
     monkeypatch.setitem(DRIVES._known, "test", kind)
     with pytest.raises(ScenarioError, match=told):
         crowdbench.parallel_env("unimodal_slow", **{"robots.drive": "test"})
+
+
+def test_a_drive_of_another_package_is_found_by_its_name(tmp_path, monkeypatch):
+    """The one of docs/add_a_drive.md: its robot goes in a circle of radius L / tan(angle)."""
+    list(unpack("docs/add_a_drive.md", tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(DRIVES, "_points", None)
+    monkeypatch.setattr(DRIVES, "_known", dict(DRIVES._known))
+    assert list(DRIVES)[-1] == "car"
+    world = World(ALONE.override({"robots.drive": "car"}), 0)
+    x, y, heading = world.pose[0].copy()
+    radius, places = 0.3 / np.tan(0.4), []
+    for _ in range(20):
+        world.step(np.array([[0.5, 0.4]]))
+        places.append(world.pose[0, :2].copy())
+        ahead = [np.cos(world.pose[0, 2]), np.sin(world.pose[0, 2])]
+        np.testing.assert_allclose(world.world_velocity[0], np.multiply(0.5, ahead), atol=1e-9)
+    centre = np.array([x - radius * np.sin(heading), y + radius * np.cos(heading)])
+    np.testing.assert_allclose(np.linalg.norm(places - centre, axis=1), radius, atol=1e-6)
+    assert world.pose[0, 2] - heading == pytest.approx(20 * 0.2 * 0.5 / radius)

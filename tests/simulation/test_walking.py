@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pages import unpack
 
 from crowdbench import Scenario, ScenarioError
 from crowdbench.extensions import WALKING_MODELS
@@ -148,3 +149,24 @@ class Undefined(Witness):
 def test_a_model_that_cannot_be_used_is_refused_with_the_reason(register, kind, told):
     with pytest.raises(ScenarioError, match=told):
         World(register(kind), 0).step(np.zeros((2, 2)))
+
+
+def test_a_model_of_another_package_is_found_by_its_name(tmp_path, monkeypatch):
+    """The one of docs/add_a_walking_model.md: who sees a robot within 1.5 m stands still."""
+    list(unpack("docs/add_a_walking_model.md", tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(WALKING_MODELS, "_points", None)
+    monkeypatch.setattr(WALKING_MODELS, "_known", dict(WALKING_MODELS._known))
+    assert list(WALKING_MODELS) == [*MODELS, "polite"]
+    scenario = CROWD.override({"pedestrians.model": "polite", "robots.count": 1})
+    stood = 0
+    for seed in range(5):
+        world = World(scenario.override({"pedestrians.field_of_view": 360.0}), seed)
+        for _ in range(30):
+            people = world.pedestrians
+            near = np.linalg.norm(people.position - world.pose[0, :2], axis=1) < 1.5
+            chosen = np.linalg.norm(people.walk(world, world.time), axis=1)
+            np.testing.assert_array_equal(chosen == 0.0, near)
+            stood += near.sum()
+            world.step(np.array([[0.5, 0.0]]))
+    assert stood > 10

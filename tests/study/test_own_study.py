@@ -9,7 +9,8 @@ import pytest
 
 from crowdbench.cli import main
 from crowdbench.evaluation.results import load_results
-from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table
+from crowdbench.registry import Registry
+from crowdbench.study import Block, Method, Quantity, Study, StudyError, Table, library
 from crowdbench.study.library import STUDIES, load_study
 
 PLANNER = """
@@ -35,7 +36,7 @@ METHODS = (Method("planner.py:Timid", episodes=2), Method("straight_line", "Blin
 TABLE = Table(
     "1",
     "Who gets ahead",
-    (Block("short.yaml"),),
+    (Block(("short.yaml",)),),
     (Quantity("path_length"), Quantity("success", "Success")),
     METHODS,
 )
@@ -44,7 +45,7 @@ STUDY = Study(
     title="Getting ahead",
     tables=(TABLE,),
     claims=(
-        Claim("Blind goes further", "1", "straight_line", "planner.py:Timid", "short.yaml",
+        Claim("Blind goes further", "1", "straight_line", "planner.py:Timid", ("short.yaml",),
               "path_length"),
     ),
 )
@@ -129,11 +130,31 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
         ("short.yaml", "unimodal_slaw", "'unimodal_slaw'; did you mean 'unimodal_slow'?"),
         ("path_length", "path_lenght", "metric 'path_lenght'; did you mean 'path_length'?"),
         ('further", "1"', 'further", "2"', "claim 'Blind goes further': no table '2'; known: 1"),
-        ('"short.yaml",\n', '"unimodal_fast",\n', "no table has agent 'straight_line' in scenario"),
+        (
+            '("short.yaml",),\n',
+            '("unimodal_fast",),\n',
+            "no table has agent 'straight_line' in scenario",
+        ),
         ("episodes=2", "episodes=0", "agent 'planner.py:Timid': episodes is 0, expected 1 or more"),
         ('"Blind", 2', '"planner.py:Timid", 2', "two methods have the label 'planner.py:Timid'"),
         ('"ahead"', '"../ahead"', "name '../ahead': expected letters, digits, - and _"),
         ('title="', 'shown=("2",),\n    title="', "shown '2': no such table or figure; known: 1"),
+        (
+            '(Block(("short.yaml",)),)',
+            '(Block("short.yaml"),)',
+            "table '1', scenarios of a block: expected a tuple of str, got 'short.yaml'",
+        ),
+        ("tables=(TABLE,)", "tables=(TABLE)", "tables: expected a tuple of Table, got Table("),
+        (
+            '(Quantity("path_length"), Quantity("success", "Success"))',
+            '("success",)',
+            "table '1', quantities: expected a tuple of Quantity, got ('success',)",
+        ),
+        (
+            "    METHODS,\n)",
+            "    METHODS,\n    reference={('', 'Blimd', 'success'): 1.0},\n)",
+            "table '1', reference ('', 'Blimd', 'success'): no such cell",
+        ),
         ("STUDY = ", "SECOND = Study('b', 'B', ())\nSTUDY = ", "expected one Study, found SECOND,"),
         ("STUDY = Study(", "dict(", "expected one Study, found none"),
         ("METHODS = (", "METHODS = 1 / 0 + (", "ZeroDivisionError"),
@@ -159,6 +180,21 @@ def test_installed_studies_are_found_by_name():
     assert load_study("paper") is STUDIES["paper"]
 
 
+def test_a_package_adds_a_study_by_an_entry_point(place, monkeypatch, capsys):
+    info = place / "my_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n")
+    points = "[crowdbench.studies]\nahead = my_study:STUDY\ntable = my_study:TABLE\n"
+    (info / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(place)
+    fresh = Registry("study", "crowdbench.studies", {}, of=Study)
+    monkeypatch.setattr(library, "STUDIES", fresh)
+    assert main(["tables", "ahead"]) == 0
+    capsys.readouterr()
+    assert (place / "results" / "studies" / "ahead" / "README.md").is_file()
+    assert "is not a crowdbench.study.model.Study" in complaint(capsys, "table")
+
+
 def test_agents_are_named_as_their_episodes_are():
     assert Method("orca:margin=0.10,horizon=2").agent == "orca:horizon=2,margin=0.1"
 
@@ -168,11 +204,10 @@ def test_defaults_fill_labels_and_headings():
     assert Quantity("path_length").heading == "path length [m]"
     assert Quantity("inference_s").heading == "inference [ms]"
     assert Quantity("success").heading == "success"
-    assert Block("unimodal_slow").scenarios == ("unimodal_slow",)
 
 
 def test_one_cell_has_one_number_of_episodes():
-    blocks, quantities = (Block("unimodal_slow"),), (Quantity("success"),)
+    blocks, quantities = (Block(("unimodal_slow",)),), (Quantity("success"),)
     tables = tuple(
         Table(number, "t", blocks, quantities, (Method("orca", episodes=count),))
         for number, count in (("1", 10), ("2", 20))

@@ -29,7 +29,7 @@ from crowdbench.study.tables import fill
 
 cells = STUDY.cells
 
-SLOW = Block("unimodal_slow", "Slow & sure")
+SLOW = Block(("unimodal_slow",), "Slow & sure")
 METHODS = (
     Method("neupan", "First", 100),
     Method("sac", "Second", 100),
@@ -130,7 +130,7 @@ def test_numbers_are_printed_in_the_unit_of_their_heading(episodes):
     assert line.startswith("| First | 13† [")
     assert line.endswith("] (390) |")
     reference = {("", "First", "ttc_below_1s"): 0.043}
-    social = Table("VII", "t", (Block("unimodal_slow"),), (TTC,), METHODS[:1], "", reference)
+    social = Table("VII", "t", (Block(("unimodal_slow",)),), (TTC,), METHODS[:1], "", reference)
     assert "| First | 4.5† [" in markdown(filled(episodes, social))
     assert "] (4.3) |" in markdown(filled(episodes, social))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowdbench_agents.informed.agent import Informed
 from crowdbench_agents.informed.distance_field import DistanceField, look_up
-from crowdbench_agents.informed.search import HORIZON, TICKS
+from crowdbench_agents.informed.search import HORIZON, TICKS, lines
 
 import crowdbench
 
@@ -81,6 +81,26 @@ def test_it_wins(scenario):
         outcome, actions = drive(scenario, seed)
         assert outcome == "success"
         assert len(actions) < 120
+
+
+@pytest.mark.parametrize("scenario", ["multimodal_fast_nonreactive", "corridor_very_dense"])
+def test_it_wins_with_an_omnidirectional_robot(scenario):
+    for seed in (900_500, 900_501):
+        outcome, actions = drive(scenario, seed, robots={"drive": "omnidirectional"})
+        assert outcome == "success"
+        assert len(actions) < 120
+
+
+@pytest.mark.parametrize(
+    "limits", [((0.0, 1.0), (-1.0, 1.0)), ((-0.2, 0.8), (-0.5, 0.3)), ((-1.0, 1.0), (-1.0, 1.0))]
+)
+def test_lines_keep_to_both_limits_and_reach_them(limits):
+    chosen = lines(*limits)
+    low, high = np.array(limits).T
+    assert ((chosen >= low - 1e-12) & (chosen <= high + 1e-12)).all()
+    np.testing.assert_allclose(chosen.max(axis=0), high)
+    np.testing.assert_allclose(chosen.min(axis=0), low, atol=1e-12)
+    assert (chosen == 0.0).all(axis=1).any()
 
 
 def test_with_nobody_there_it_goes_straight_at_full_speed():

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from crowdbench_agents.latent_planner import mppi
 from crowdbench_agents.latent_planner.agent import LatentPlanner
 from crowdbench_agents.latent_planner.mppi import Plan
 from crowdbench_agents.latent_planner.world_model import FORMAT, WorldModel, load_world_model
@@ -65,26 +66,32 @@ def drive(agent, steps, seed=0):
 class Script:
     """Stands in for the planner: plan n is filled with the numbers n + t / 100."""
 
-    def __init__(self, horizon):
-        self.horizon, self.calls = horizon, []
+    def __init__(self):
+        self.calls = []
 
-    def plan(self, views, previous, settings, discount, half_range, generator, warm_start, score):
+    def __call__(self, evaluator, views, previous, settings, *others, warm_start, score):
         self.calls.append((views, previous, warm_start))
-        numbers = len(self.calls) * 0.1 + torch.arange(self.horizon) / 100
+        numbers = len(self.calls) * 0.1 + torch.arange(settings.horizon) / 100
         actions = numbers[None, :, None].expand(1, -1, 2)
         return Plan(actions, actions, torch.zeros(1))
 
 
-def scripted(weights, horizon, execute):
+@pytest.fixture
+def script(monkeypatch):
+    script = Script()
+    monkeypatch.setattr(mppi, "plan", script)
+    return script
+
+
+def ready(weights, horizon, execute):
     agent = LatentPlanner(weights=weights, horizon=horizon, execute=execute, **BUDGET)
     agent.reset(ROBOT, 0)
-    agent._planner = Script(horizon)
     return agent
 
 
 @pytest.mark.parametrize("execute", [1, 2, 4])
-def test_the_first_actions_of_each_plan_are_executed_in_order(weights, execute):
-    agent = scripted(weights, horizon=4, execute=execute)
+def test_the_first_actions_of_each_plan_are_executed_in_order(weights, script, execute):
+    agent = ready(weights, horizon=4, execute=execute)
     actions = np.array([agent.act(observation) for observation in observations(8)])
     expected = [(1 + step // execute) * 0.1 + (step % execute) / 100 for step in range(8)]
     np.testing.assert_allclose(actions[:, 0], np.array(expected) / 2 + 0.5, atol=1e-6)
@@ -96,17 +103,19 @@ def test_the_first_actions_of_each_plan_are_executed_in_order(weights, execute):
     ("execute", "expected"),
     [(1, [0.11, 0.12, 0.13, 0.13]), (2, [0.12, 0.13, 0.13, 0.13]), (4, [0.13] * 4)],
 )
-def test_the_search_starts_from_the_part_of_the_last_plan_that_is_left(weights, execute, expected):
-    agent = scripted(weights, horizon=4, execute=execute)
+def test_the_search_starts_from_the_part_of_the_last_plan_that_is_left(
+    weights, script, execute, expected
+):
+    agent = ready(weights, horizon=4, execute=execute)
     for observation in observations(execute + 1):
         agent.act(observation)
-    (_, _, first), (_, _, second) = agent._planner.calls
-    assert first is None
+    (_, _, first), (_, _, second) = script.calls
+    assert not first.any()
     np.testing.assert_allclose(second[0, :, 0], expected, atol=1e-6)
 
 
-def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights):
-    agent = scripted(weights, horizon=3, execute=3)
+def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights, script):
+    agent = ready(weights, horizon=3, execute=3)
     model, config = load_world_model(weights)
     seen = list(observations(10))
     for observation in seen:
@@ -117,7 +126,7 @@ def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights):
         drawn = maps.update(observation.lidar, observation.pose)
     last = seen[-1]
     other_way = np.float32([1, -1])
-    views, previous, _ = agent._planner.calls[-1]
+    views, previous, _ = script.calls[-1]
     for view, arrays in zip(
         views,
         [

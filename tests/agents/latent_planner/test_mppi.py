@@ -5,13 +5,12 @@ import pytest
 import torch
 from crowdbench_agents.latent_planner.mppi import (
     constant_actions,
-    evaluate,
     plan,
-    policy_rollouts,
     refit,
     smoothness_penalty,
-    value_shares,
 )
+from crowdbench_agents.latent_planner.plain import PlainEvaluator, PlainView
+from crowdbench_agents.latent_planner.scoring import Scoring
 from crowdbench_agents.learning.config import Planner
 from hypothesis import given
 from hypothesis import settings as settings_of_hypothesis
@@ -71,7 +70,9 @@ def settings(**changes):
 def solve(model, chosen, seed=0, score="reward", half=FLAT, previous=(0.0, 0.0), **options):
     generator = torch.Generator().manual_seed(seed)
     start, before = torch.zeros(1, 1, 2), torch.tensor(np.array([previous], np.float32))
-    return plan(model, start, before, chosen, 1.0, half, generator, score=score, **options)
+    return plan(
+        PlainEvaluator(model), start, before, chosen, 1.0, half, generator, score=score, **options
+    )
 
 
 def test_plan_of_a_linear_model_is_the_fastest_way_to_the_goal():
@@ -149,7 +150,8 @@ def test_constant_actions_cover_all_speeds_and_turn_rates_evenly():
     decay=st.floats(0, 1),
 )
 def test_shares_of_returns_add_up_to_one_so_that_scores_stay_returns(values, horizon, decay):
-    shares = value_shares(settings(values=values, return_lambda=decay), horizon, "reward_q")
+    chosen = settings(values=values, return_lambda=decay)
+    shares = Scoring(chosen, 0.9).shares(horizon)
     assert len(shares) == horizon + 1
     assert sum(shares) == pytest.approx(1.0)
 
@@ -157,28 +159,48 @@ def test_shares_of_returns_add_up_to_one_so_that_scores_stay_returns(values, hor
 @pytest.mark.parametrize("score", ["reward_q", "q"])
 def test_lambda_of_one_is_the_papers_score(score):
     candidates = torch.rand(1, 5, 4, 2, generator=torch.Generator().manual_seed(0))
-    arguments = Ledger(), torch.zeros(1, 3), candidates, torch.zeros(1, 2)
     forms = settings(values="final"), settings(values="lambda", return_lambda=1.0)
-    paper, ours = (evaluate(*arguments, form, 0.9, HALF, score) for form in forms)
+    paper, ours = (
+        PlainView(Ledger(), torch.zeros(1, 3), FLAT, Scoring(form, 0.9, score)).returns(candidates)
+        for form in forms
+    )
     torch.testing.assert_close(ours, paper)
 
 
 def test_robots_of_a_batch_are_planned_for_their_own_state():
-    model, chosen = LinearModel([0.0, 0.0]), settings()
+    model, chosen = PlainEvaluator(LinearModel([0.0, 0.0])), settings()
     z = torch.tensor([[0.4, 0.0], [-0.4, 0.2]])
     generator = torch.Generator().manual_seed(0)
-    result = plan(model, z[None], torch.zeros(2, 2), chosen, 1.0, FLAT, generator, score="reward")
+    result = plan(
+        model,
+        z[None],
+        torch.zeros(2, 2),
+        chosen,
+        1.0,
+        FLAT,
+        generator,
+        score="reward",
+    )
     torch.testing.assert_close(result.actions[:, 0], -z / STEP, atol=0.06, rtol=0)
 
 
 def test_both_views_count_alike_each_for_its_own_side():
     # One view says that the goal is 0.1 ahead and 0.3 to the left, the other, a mirror, that it is
     # 0.3 ahead and 0.1 to the right. Nearest to both is 0.2 ahead and 0.2 to the left.
-    model = LinearModel([0.0, 0.0])
+    model = PlainEvaluator(LinearModel([0.0, 0.0]))
     views = torch.tensor([[[-0.1, -0.3]], [[-0.3, 0.1]]])
     generator = torch.Generator().manual_seed(0)
     chosen = settings(horizon=1)
-    result = plan(model, views, torch.zeros(1, 2), chosen, 1.0, FLAT, generator, score="reward")
+    result = plan(
+        model,
+        views,
+        torch.zeros(1, 2),
+        chosen,
+        1.0,
+        FLAT,
+        generator,
+        score="reward",
+    )
     torch.testing.assert_close(result.actions[0, 0], torch.tensor([0.4, 0.4]), atol=0.02, rtol=0)
     # 20 x (0.1^2 + 0.1^2) from either
     torch.testing.assert_close(result.score, torch.tensor([-0.4]), atol=0.01, rtol=0)
@@ -197,7 +219,7 @@ def test_the_policy_proposes_in_each_view_what_is_turned_back():
 
     def planned(views):
         generator, still = torch.Generator().manual_seed(0), torch.zeros(1, 2)
-        model = OneSided([0.0, 0.0])
+        model = PlainEvaluator(OneSided([0.0, 0.0]))
         return plan(model, views, still, chosen, 1.0, FLAT, generator, score="reward").actions[0]
 
     torch.testing.assert_close(planned(views), torch.tensor([[0.6, 0.4]]))
@@ -234,17 +256,34 @@ def test_plan_is_a_function_of_the_generators_seed():
 )  # fmt: skip
 def test_score_of_a_fixed_plan_by_hand(score, values, expected):
     candidates = torch.tensor([[[[0.4, 0.0], [-0.2, 0.7]]]])
-    arguments = Ledger(), torch.zeros(1, 3), candidates, torch.tensor([[0.2, 0.0]])
-    form = {"values": values, "return_lambda": 0.25}
-    plain = evaluate(*arguments, settings(**form), 0.9, HALF, score)
-    torch.testing.assert_close(plain, torch.tensor([[expected]]))
-    # v changes by 0.1 and -0.3 m/s, w by 0 and 1.05 rad/s
-    smooth = evaluate(*arguments, settings(**form, smoothness_weight=2.0), 0.9, HALF, score)
-    penalty = 2.0 * (0.1**2 + 0.3**2 + 1.05**2)
-    torch.testing.assert_close(smooth, torch.tensor([[expected - penalty]]))
+    form = settings(values=values, return_lambda=0.25)
+    view = PlainView(Ledger(), torch.zeros(1, 3), FLAT, Scoring(form, 0.9, score))
+    torch.testing.assert_close(view.returns(candidates), torch.tensor([[expected]]))
 
 
-def test_roughness_is_zero_only_for_what_goes_on_unchanged():
+@pytest.mark.parametrize(
+    ("weight", "expected"),
+    [
+        # (1, 1) twice, the second reward counts 3/4
+        (0.0, 1 + 0.75),
+        # v changes by 0.4 m/s and w by 1.5 rad/s, once
+        (0.1, 1.75 - 0.1 * (0.4**2 + 1.5**2)),
+        # (0.4, 0.1) twice is smoother: 0.1 m/s and 0.15 rad/s
+        (0.6, 0.4 * 1.75 - 0.6 * (0.1**2 + 0.15**2)),
+    ],
+)
+def test_the_smoothness_penalty_is_taken_off_every_score(weight, expected):
+    class Gentle(Ledger):
+        def sample(self, z, noise):
+            return torch.tensor([0.4, 0.1]).expand_as(noise), torch.zeros(z.shape[:-1])
+
+    one = {"candidates": 1, "policy_share": 1.0, "elites": 1, "iterations": 1, "horizon": 2}
+    chosen = settings(**one, constant_actions=(2, 2), smoothness_weight=weight)
+    result = solve(Gentle(), chosen, half=HALF, previous=(0.2, 0.0))
+    assert result.score.item() == pytest.approx(expected)
+
+
+def test_smoothness_penalty_is_zero_only_for_what_goes_on_unchanged():
     previous = torch.tensor([[0.3, -0.7]])
     steady = previous[:, None, None].expand(1, 1, 5, 2)
     assert smoothness_penalty(steady, previous, HALF).item() == 0
@@ -280,7 +319,10 @@ def test_low_temperature_follows_the_best_and_high_temperature_the_mean():
     torch.testing.assert_close(warm.actions, torch.tensor([[[0.2, 0.4]]]), atol=1e-4, rtol=0)
 
 
-def test_policy_rollouts_follow_the_policy_through_the_model():
-    rollouts = policy_rollouts(LinearModel([1.2, -0.3]), torch.zeros(1, 2), torch.zeros(1, 2, 4, 2))
+def test_candidates_of_the_policy_follow_it_through_the_model():
+    scoring = Scoring(settings(), 1.0, "reward")
+    view = PlainView(LinearModel([1.2, -0.3]), torch.zeros(1, 2), FLAT, scoring)
+    candidates, returns = view.follow_policy(torch.zeros(1, 2, 4, 2))
     expected = torch.tensor([[1, -0.6], [1, 0], [0.4, 0], [0, 0]])
-    torch.testing.assert_close(rollouts, expected.expand(1, 2, 4, 2), atol=1e-6, rtol=0)
+    torch.testing.assert_close(candidates, expected.expand(1, 2, 4, 2), atol=1e-6, rtol=0)
+    torch.testing.assert_close(returns, view.returns(candidates))

@@ -41,7 +41,7 @@ def distance_from_expert(folder, **changes):
     return before, error()
 
 
-def test_the_actor_learns_what_the_teacher_advises(in_empty_folder):
+def test_the_actor_learns_what_the_expert_would_do(in_empty_folder):
     before, after = distance_from_expert(in_empty_folder)
     assert after < 0.3 * before
 
@@ -52,7 +52,7 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder):
     assert after > 0.5 * before
 
 
-def test_labels_reach_the_replay_of_taught_environments_only(in_empty_folder):
+def test_labels_reach_the_replay_of_labelled_environments_only(in_empty_folder):
     config = load_config().override(TINY)
     run = SacRun(in_empty_folder / "run", config, seed=0, social=True)
     run.model.learn(total_timesteps=80, log_interval=None)
@@ -62,7 +62,7 @@ def test_labels_reach_the_replay_of_taught_environments_only(in_empty_folder):
     assert run.model.replay_buffer.sampled.labelled.shape[1] == BATCH
 
 
-def test_without_taught_environments_nothing_is_labelled(in_empty_folder):
+def test_without_labelled_environments_nothing_is_labelled(in_empty_folder):
     config = load_config().override(TINY | {"training.labelled_environments": 0})
     run = SacRun(in_empty_folder / "run", config, seed=0, social=True)
     run.model.learn(total_timesteps=20, log_interval=None)

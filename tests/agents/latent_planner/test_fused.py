@@ -1,9 +1,12 @@
-"""The fast form of the planner gives the plain form's plans."""
+"""With the fused evaluator the planner makes the plans it makes with the plain one."""
 
 import pytest
 import torch
-from crowdbench_agents.latent_planner import fast, mppi
-from crowdbench_agents.latent_planner.fast import FastPlanner
+from crowdbench_agents.latent_planner import fused
+from crowdbench_agents.latent_planner.fused import FusedEvaluator
+from crowdbench_agents.latent_planner.mppi import plan
+from crowdbench_agents.latent_planner.plain import PlainEvaluator
+from crowdbench_agents.latent_planner.scoring import Scoring
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.config import Config, load_config
 
@@ -24,7 +27,7 @@ def random_model(config):
 
 
 def both(config, threads=1, score="reward_q", warm=False, seed=5):
-    """Plans of the plain and the fast form with equal noise."""
+    """Plans of both evaluators with equal noise."""
     model = random_model(config)
     g = torch.Generator().manual_seed(1)
     count = 2 if config.planner.reflect else 1
@@ -32,9 +35,10 @@ def both(config, threads=1, score="reward_q", warm=False, seed=5):
     previous = torch.rand(1, 2, generator=g)
     start = torch.rand(1, config.planner.horizon, 2, generator=g) - 0.5 if warm else None
     arguments = views, previous, config.planner, 0.97, HALF
-    plain = mppi.plan(model, *arguments, torch.Generator().manual_seed(seed), start, score)
-    planner = FastPlanner(model, threads)
-    return plain, planner.plan(*arguments, torch.Generator().manual_seed(seed), start, score)
+    return [
+        plan(evaluator, *arguments, torch.Generator().manual_seed(seed), start, score)
+        for evaluator in (PlainEvaluator(model), FusedEvaluator(model, threads))
+    ]
 
 
 def assert_equal_plans(plain, quick):
@@ -97,7 +101,7 @@ def test_plans_are_equal_without_onednn(monkeypatch):
 
 
 def test_the_plan_does_not_depend_on_the_number_of_threads(monkeypatch):
-    monkeypatch.setattr(fast, "BLOCK", 16)
+    monkeypatch.setattr(fused, "BLOCK", 16)
     config = load_config().override(SMALL)
     before = torch.get_num_threads()
     (plain, one), (_, three) = both(config, threads=1), both(config, threads=3)
@@ -110,13 +114,15 @@ def test_returns_of_candidates_keep_their_order_over_blocks(monkeypatch):
     config = load_config().override(SMALL)
     model = random_model(config)
     z = model.normalise(torch.ones(1, 32).cumsum(dim=1))
-    candidates = torch.rand(50, 4, 2, generator=torch.Generator().manual_seed(3)) * 2 - 1
+    candidates = torch.rand(1, 50, 4, 2, generator=torch.Generator().manual_seed(3)) * 2 - 1
 
-    def returns(planner):
-        start = planner.start(z, torch.ones(2))
-        return planner.returns(start, candidates, config.planner, 0.9)
+    scoring = Scoring(config.planner, 0.9)
 
-    whole = returns(FastPlanner(model))
-    monkeypatch.setattr(fast, "BLOCK", 7)
-    torch.testing.assert_close(returns(FastPlanner(model, 2)), whole)
+    def returns(evaluator):
+        return evaluator.view(z, torch.ones(2), scoring).returns(candidates)
+
+    whole = returns(FusedEvaluator(model))
+    torch.testing.assert_close(whole, returns(PlainEvaluator(model)), atol=2e-5, rtol=2e-5)
+    monkeypatch.setattr(fused, "BLOCK", 7)
+    torch.testing.assert_close(returns(FusedEvaluator(model, 2)), whole)
     assert whole.std() > 1e-3
