@@ -93,7 +93,8 @@ def test_what_was_stored_before_is_said_to_be(place, tmp_path, capsys):
 def test_help_names_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    commands = "run compare agents scenarios show record train tables report replay play"
+    commands = "run compare agents scenarios show record train tables report replay play "
+    commands += "recompute export import"
     for command in commands.split():
         assert re.search(rf"^\W+{command} ", text, re.MULTILINE)
 
