@@ -158,12 +158,12 @@ def _read(connection: sqlite3.Connection, cell: _Cell, first: int, last: int, pa
     names = [row[1] for row in connection.execute("PRAGMA table_info(metrics)")][1:]
     columns = "".join(f", metrics.{quoted(name)}" for name in names)
     query = f"""
-        SELECT episodes.id, seed, definitions,
-            robot, outcome, error, diagnostics, steps, commands, inference_s {columns}
-        FROM episodes JOIN actions ON actions.episode = episodes.id
-        JOIN metrics ON metrics.episode = episodes.id
+        SELECT e.id, e.seed, definitions, e.robot, e.outcome, e.error, e.diagnostics, e.steps,
+            actions.commands, actions.inference_s {columns}
+        FROM episodes AS e JOIN actions ON actions.episode = e.id
+        JOIN metrics ON metrics.episode = e.id
         JOIN metric_sets ON metric_sets.id = metric_set
-        WHERE cell = ? AND seed BETWEEN ? AND ? ORDER BY seed, length(robot), robot"""
+        WHERE e.cell = ? AND e.seed BETWEEN ? AND ? ORDER BY e.seed, length(e.robot), e.robot"""
     rows = []
     for number, seed, defined, *facts in connection.execute(query, (cell.number, first, last)):
         try:
