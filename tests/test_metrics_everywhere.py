@@ -138,7 +138,8 @@ def test_the_page_knows_them_after_crowdbenchs_own(outside):
 def test_the_command_line_prints_and_compares_them(outside):
     text = outside.crowdbench(*RUN).stdout
     assert "slow ↓ " in text and "half_steps" not in text, "only main ones are shown"
-    done = outside.crowdbench("compare", "orca", "straight_line", "-m", "half_steps", "-m", "slow")
+    compare = ("compare", "orca", "straight_line", "-s", "corridor_sparse")
+    done = outside.crowdbench(*compare, "-m", "half_steps", "-m", "slow")
     assert done.returncode == 0, done.stderr
     mean = np.mean(outside.places["rows"]["half_steps"]) / 60
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("half_steps ↓ [min]")]
@@ -172,7 +173,7 @@ def test_episodes_older_than_a_metric_lack_it_and_say_so(outside, tmp_path):
         "late = outside:LATE\n",
     )
     (tmp_path / "results").symlink_to(outside.folder / "results")
-    compare = ("compare", "orca", "straight_line")
+    compare = ("compare", "orca", "straight_line", "-s", "corridor_sparse")
     done = later.crowdbench(*compare)
     assert done.returncode == 0, done.stderr
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("late ↓")]

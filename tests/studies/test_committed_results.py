@@ -25,7 +25,9 @@ DETERMINISTIC = [name for name in METRICS if name != "inference_s"]
 
 @pytest.fixture(scope="module")
 def stored():
-    return load_record(folder=RESULTS / "record")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("crowdbench.evaluation.record.record_folder", lambda: RESULTS / "record")
+        yield load_record()
 
 
 def test_the_tables_are_those_that_the_episodes_give(stored, tmp_path):
