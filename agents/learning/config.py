@@ -178,7 +178,11 @@ class Training(_Section):
     validation_minutes: Positive = Field(10.0, description="between validations [min]")
     validation_episodes: Count = Field(10, description="per scenario")
     checkpoint_minutes: Positive = Field(5.0, description="between checkpoints [min]")
-    bfloat16: bool = Field(False, description="matrix products and convolutions in bfloat16")
+    bfloat16: bool = Field(
+        False,
+        description="matrix products and convolutions in bfloat16, where the CPU has instructions "
+        "for it",
+    )
 
     @model_validator(mode="after")
     def _everybody_has_an_environment(self) -> Training:

@@ -23,6 +23,7 @@ from crowdbench_agents.learning.demonstrations import open_replays
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.journal import Journal, stop_on_signals
 from crowdbench_agents.learning.memory import keep_freed_memory
+from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.sampler import ScenarioSampler, scenario_digests
 from crowdbench_agents.learning.validation import Act, validate
 from crowdbench_agents.learning.vector_env import VectorEnv
@@ -63,6 +64,7 @@ class TrainingRun(ABC):
         self.experts = Experts(settings.expert, self.envs, labelled)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
+            "arithmetic": describe_precision(settings.bfloat16),
         }  # fmt: skip
         self.seconds, self.best = 0.0, -1.0
 
@@ -237,6 +239,7 @@ def train(
             curve.unlink(missing_ok=True)
         total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
         with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
+            journal.say(f"networks learn in {describe_precision(config.training.bfloat16)}")
             _loop(run, journal, minutes, steps, stopping)
             if stopping():
                 journal.say("stopped; --resume continues this run")

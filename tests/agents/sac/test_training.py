@@ -7,6 +7,7 @@ import signal
 import numpy as np
 import pytest
 import torch
+from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.sac.networks import load_actor
@@ -110,3 +111,21 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     counters = json.loads(load_checkpoint(folder)["counters"])
     assert counters["updates"] == 1
     assert counters["steps"] < 100
+
+
+def test_networks_learn_in_bfloat16_where_the_cpu_is_fast_at_it(
+    in_empty_folder, instructions, arithmetic
+):
+    config = load_config().override(TINY | {"training.bfloat16": True})
+    run = SacRun(in_empty_folder / "run", config, seed=0, social=True)
+    encoder = run.model.policy.actor.features_extractor.encoder
+    assert arithmetic(encoder, run.update) == {torch.bfloat16 if instructions else torch.float32}
+    assert run.facts["arithmetic"].startswith("bfloat16" if instructions else "float32 (this CPU")
+
+
+def test_a_run_says_its_arithmetic_and_goes_on_in_another(in_empty_folder, monkeypatch, capsys):
+    changes = TINY | {"training.bfloat16": True}
+    for steps, instructions, said in ((20, True, "bfloat16"), (40, False, "float32 (this CPU")):
+        monkeypatch.setattr(precision, "cpu_has_bfloat16", lambda has=instructions: has)
+        train("moved", steps=steps, resume=steps > 20, overrides=changes)
+        assert f"networks learn in {said}" in " ".join(capsys.readouterr().out.split())
