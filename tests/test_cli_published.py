@@ -156,7 +156,9 @@ from crowdbench.study import Block, Method, Quantity, Study, Table
 
 methods = Method("orca", episodes=2), Method("straight_line", episodes=2)
 STUDY = Study(
-    "mine", "Mine", (Table("1", "Two", (Block("unimodal_slow"),), (Quantity("spl"),), methods),)
+    "mine",
+    "Mine",
+    (Table("1", "Two", (Block(("unimodal_slow",)),), (Quantity("spl"),), methods),),
 )
 """
 

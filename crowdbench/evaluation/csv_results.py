@@ -16,7 +16,6 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +24,6 @@ from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.measured import OUTCOMES, is_proportion
 from crowdbench.evaluation.results import Cell, Origin, Result
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
-
-if TYPE_CHECKING:
-    pass
 
 Key = tuple[tuple[str, ...], int, str]
 """Identity of a cell, seed and robot."""

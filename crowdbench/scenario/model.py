@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from crowdbench.extensions import DRIVES, WALKING_MODELS
-from crowdbench.messages import Form, explain, short
+from crowdbench.messages import Form, explain, quoted
 from crowdbench.registry import Registry
 from crowdbench.scenario import room
 from crowdbench.scenario.changes import assign, flatten
@@ -265,4 +265,4 @@ def validate(document: dict[str, Any], source: str) -> Scenario:
     try:
         return Scenario.model_validate(document)
     except ValidationError as error:
-        raise ScenarioError(f"scenario {short(source)}: {explain(error, Scenario)}") from error
+        raise ScenarioError(f"scenario {quoted(source)}: {explain(error, Scenario)}") from error

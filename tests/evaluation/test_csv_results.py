@@ -14,7 +14,7 @@ import pytest
 
 from crowdbench import load_scenario
 from crowdbench.cli import main
-from crowdbench.evaluation.csv_results import load_csv_results, read_csv_cells
+from crowdbench.evaluation.csv_results import read_csv_cells
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.metrics import metrics
 from crowdbench.evaluation.recompute import recompute
@@ -97,14 +97,6 @@ def test_old_results_are_taken_over_exactly_and_can_be_recomputed(old, tmp_path,
     assert main(arguments) == 0
     assert "0 rows imported, 3 were there" in capsys.readouterr().out
     assert len(load_results(target)) == 3
-
-
-def test_the_rows_are_those_of_the_files(old):
-    table = load_csv_results(old)
-    written = pd.read_csv(rows_file(old), keep_default_na=False)
-    assert list(table.columns) == list(written.columns)
-    assert list(table["path_length"]) == list(written["path_length"])
-    assert table["seed"].dtype == np.int64
 
 
 def test_what_a_kill_cut_off_is_left_out(old):
