@@ -135,6 +135,7 @@ from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.reward import collision_term, goal_term, social_term
+from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import World
 
 RenderMode = Literal["human", "rgb_array"]
@@ -183,6 +184,7 @@ class CrowdEnv(ParallelEnv):
 
         Raises:
             ValueError: an unknown render mode.
+            ScenarioError: the drive cannot be used, or bodies are too fast for their size.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
@@ -200,6 +202,8 @@ class CrowdEnv(ParallelEnv):
             scenario, drive, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED
         )
         self.state_space = observations.state_space(scenario)
+        steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
+        check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
         self._low, self._high = drive.low, drive.high
         self._beams = beam_table(lidar_angles(scenario))
         self._max_steps = scenario.max_steps
