@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from crowdbench.cli.common import DEFAULT_AGENT, AgentOption, SetOption, UserError, out
 from crowdbench.cli.pictures import ScenarioArgument, SeedOption, picture, save
 from crowdbench.scenario import load_scenario, parse_overrides
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 VIDEO_SUFFIXES = (".gif", ".mp4")
 
@@ -35,14 +31,14 @@ def record(
     from crowdbench.evaluation.results import slug
     from crowdbench.evaluation.rollout import run_episode
     from crowdbench.simulation.env import CrowdEnv
-    from crowdbench.simulation.video import write_video
+    from crowdbench.simulation.video import CompressedFrames, write_video
 
     spec = AgentSpec.parse(agent)
     path = output or Path(f"{world.name}-{slug(str(spec))}-{seed}.gif")
     if path.suffix.lower() not in VIDEO_SUFFIXES:
         raise UserError(f"{path}: expected a name that ends in {' or '.join(VIDEO_SUFFIXES)}")
     env = CrowdEnv(world, render_mode="rgb_array")
-    frames: list[NDArray[np.uint8]] = []
+    frames = CompressedFrames()
     episodes = run_episode(env, spec, seed, on_step=lambda env: frames.append(picture(env)))
     save(lambda: write_video(frames, path, fps=1 / world.control_period), path)
     console = out()
