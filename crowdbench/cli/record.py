@@ -20,9 +20,6 @@ from crowdbench.cli.pictures import ScenarioArgument, SeedOption, picture, save
 from crowdbench.scenario import load_scenario, parse_overrides
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from crowdbench.agent import AgentSpec
     from crowdbench.evaluation.recordings import Recording
     from crowdbench.scenario import Scenario
@@ -49,14 +46,14 @@ def record(
     from crowdbench.evaluation.results import slug
     from crowdbench.evaluation.rollout import run_episode
     from crowdbench.simulation.env import CrowdEnv
-    from crowdbench.simulation.video import write_video
+    from crowdbench.simulation.video import CompressedFrames, write_video
 
     spec = AgentSpec.parse(agent)
     path = output or Path(f"{world.name}-{slug(str(spec))}-{seed}.gif")
     if path.suffix.lower() not in VIDEO_SUFFIXES:
         raise UserError(f"{path}: expected a name that ends in {' or '.join(VIDEO_SUFFIXES)}")
     env = CrowdEnv(world, render_mode="rgb_array")
-    frames: list[NDArray[np.uint8]] = []
+    frames = CompressedFrames()
     stored = _stored(results, world, spec, seed)
 
     def draw(env: CrowdEnv) -> None:
