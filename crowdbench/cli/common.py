@@ -59,3 +59,26 @@ def rows_for(results: Path | None) -> pd.DataFrame:
     from crowdbench.evaluation.joined import local_rows, published_and_local
 
     return published_and_local(RESULTS) if results is None else local_rows(results)
+
+
+def require_writable_record(record: Path, what: str) -> None:
+    """Refuse what would be lost with the next installation, or lead nowhere.
+
+    Args:
+        record: the folder that the user has named.
+        what: the command, as an imperative.
+    """
+    from crowdbench.evaluation.record import record_folder
+
+    installed = record_folder().resolve()
+    checkout = installed.parent.parent / "pyproject.toml"
+    if record.resolve() == installed and not checkout.is_file():
+        raise UserError(
+            f"{record}: the record that is installed with crowdbench is read-only; {what} in a "
+            "checkout, or in a folder of your own with --record"
+        )
+    if record == PUBLISHED / "record" and not record.parent.is_dir():
+        raise UserError(
+            f"{record}: there is no such folder; {what} in a checkout of crowdbench, or name a "
+            "folder with --record"
+        )

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import DEFAULT_STUDY, PUBLISHED, RESULTS, ResultsOption, UserError, out
+from crowdbench.cli.common import (
+    DEFAULT_STUDY,
+    PUBLISHED,
+    RESULTS,
+    ResultsOption,
+    UserError,
+    out,
+    require_writable_record,
+)
 
 if TYPE_CHECKING:
     from crowdbench.evaluation.publish import Change
@@ -37,7 +45,7 @@ def publish(
         plan = load_study(study).cells()
     except StudyError as error:
         raise UserError(str(error)) from error
-    _require_checkout(record)
+    require_writable_record(record, "publish")
     outcome = publish_plan(plan, results, record)
     console = out()
     for change in outcome.changes:
@@ -50,23 +58,6 @@ def publish(
     console.print(f"{record}: {added:,} episodes added, {replaced:,} replaced", markup=False)
     if outcome.refused:
         raise typer.Exit(1)
-
-
-def _require_checkout(record: Path) -> None:
-    """Refuse what would be lost with the next installation, or lead nowhere."""
-    from crowdbench.evaluation.record import record_folder
-
-    root = record.resolve().parents[1]
-    if record.resolve() == record_folder().resolve() and not (root / "pyproject.toml").is_file():
-        raise UserError(
-            f"{record}: the record that is installed with crowdbench is read-only; publish in a "
-            "checkout, or into a folder of your own with --record"
-        )
-    if record == PUBLISHED / "record" and not record.parent.is_dir():
-        raise UserError(
-            f"{record}: there is no such folder; publish in a checkout of crowdbench, or name a "
-            "folder with --record"
-        )
 
 
 def _told(change: Change) -> str:

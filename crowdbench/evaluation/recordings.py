@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -97,6 +97,34 @@ def scenario_of(cell: Cell, rows: pd.DataFrame) -> Scenario | None:
     return defined_scenario(cell.scenario, cell.scenario_digest, definition="")
 
 
+def published_driven(
+    rows: Iterable[Mapping[Hashable, Any]], commands: Commands, seed: int
+) -> list[Driven]:
+    """What the robots of a published episode did, in their order; those with commands only.
+
+    Args:
+        rows: the episode's.
+        commands: of the cell.
+        seed: of the episode.
+
+    Returns:
+        With the row's mean time wherever a step's was not noted.
+    """
+    told, times = commands.of(seed), commands.times(seed)
+    known = {str(row["robot"]): row for row in rows}
+    return [
+        Driven(
+            robot,
+            told[robot],
+            np.where(np.isfinite(times[robot]), times[robot], known[robot]["inference_s"]),
+            str(known[robot]["outcome"]),
+            str(known[robot]["error"]) or None,
+            json.loads(known[robot]["diagnostics"]),
+        )
+        for robot in sorted(known.keys() & told.keys(), key=lambda name: (len(name), name))
+    ]
+
+
 def _recording(cell: Cell, rows: pd.DataFrame, at_most: int | None) -> Recording | None:
     """What can be seen again of the rows of a cell; None if that is nothing."""
     published = rows["source"] == PUBLISHED
@@ -114,19 +142,6 @@ def _recording(cell: Cell, rows: pd.DataFrame, at_most: int | None) -> Recording
     def load(seed: int) -> list[Driven]:
         if kept[seed] != PUBLISHED:
             return load_driven(kept[seed], cell, seed) or []
-        told, times = commands.of(seed), commands.times(seed)
-        episode = rows[rows["seed"] == seed].set_index("robot")
-        return [
-            Driven(
-                str(robot),
-                told[str(robot)],
-                np.where(np.isfinite(times[str(robot)]), times[str(robot)], row["inference_s"]),
-                str(row["outcome"]),
-                str(row["error"]) or None,
-                json.loads(row["diagnostics"]),
-            )
-            for robot, row in episode.iterrows()
-            if robot in told
-        ]
+        return published_driven(rows[rows["seed"] == seed].to_dict("records"), commands, seed)
 
     return Recording(cell, scenario, {seed: kept[seed] for seed in seeds}, load)
