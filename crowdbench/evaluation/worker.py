@@ -135,7 +135,7 @@ class _Worker:
         from crowdbench.simulation.env import CrowdEnv
 
         if self._env is None or self._env.scenario != scenario:
-            self._env = CrowdEnv(scenario)
+            self._env, self._warm = CrowdEnv(scenario), False
         return self._env
 
     def _make(self, spec: AgentSpec, count: int) -> None:
