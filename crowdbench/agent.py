@@ -21,7 +21,6 @@ import hashlib
 import importlib.util
 import inspect
 import sys
-import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -33,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from crowdbench.messages import allowed, nearest, quoted, short
+from crowdbench.messages import allowed, describe_error, is_interrupt, nearest, quoted, short
 from crowdbench.scenario import Scenario
 from crowdbench.strict_yaml import YamlError, dump_scalar, load_yaml
 
@@ -251,7 +250,9 @@ class AgentSpec:
         self._check_ranges(factory)
         try:
             return factory(**self.options)
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
+            if is_interrupt(error):
+                raise
             raise AgentError(f"agent {quoted(str(self))}: {describe_error(error)}") from error
 
     def _check_ranges(self, factory: type[Agent]) -> None:
@@ -284,14 +285,6 @@ def require_drive(drives: tuple[str, ...] | None, label: str, scenario: Scenario
             f"agent {label!r} drives {' or '.join(drives)} robots only, and those of scenario "
             f"{scenario.name!r} are {scenario.robots.drive} (robots.drive)"
         )
-
-
-def describe_error(error: BaseException) -> str:
-    """Type, text and place of an exception that foreign code has raised, in one line."""
-    text = " ".join("".join(traceback.format_exception_only(error)).split())
-    frames = traceback.extract_tb(error.__traceback__)
-    places = [f"{frame.filename}:{frame.lineno}" for frame in frames if frame.filename[0] != "<"]
-    return f"{text} ({places[-1]})" if places else text
 
 
 def agent_names() -> list[str]:
@@ -336,7 +329,9 @@ def _from_file(path: Path, class_name: str) -> type[Agent]:
     sys.modules[module_name] = module  # dataclasses and pickle look their module up
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        if is_interrupt(error):
+            raise
         raise AgentError(f"agent file {str(path)!r}: {describe_error(error)}") from error
     classes = {
         key: value

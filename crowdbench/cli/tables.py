@@ -75,9 +75,14 @@ def tables(
 
 
 def _run(study: Study, folder: Path, jobs: int, alone: bool) -> bool:
-    """Run what is missing, published or not if alone; False if some agent could not be made."""
+    """Run what is missing, published or not if alone.
+
+    Returns:
+        False if some agent could not be made, or episodes not run.
+    """
     from crowdbench.evaluation.database import require_writable
     from crowdbench.evaluation.record import load_record
+    from crowdbench.evaluation.runner import IncompleteError
     from crowdbench.study.execution import look, run_missing
     from crowdbench.study.page import duration
 
@@ -102,6 +107,11 @@ def _run(study: Study, folder: Path, jobs: int, alone: bool) -> bool:
                 style="yellow",
             )
             raise typer.Exit(130) from None
+        except IncompleteError as error:
+            display.close()
+            told = f"{error}. Run the same command again to try them again."
+            console.print(" ".join(told.split()), style="red", markup=False, soft_wrap=True)
+            return False
     whole = forecast.seconds_for(cell for cell in plan if cell.agent in outlook.weights)
     console.print(f"A full run with {jobs} processes takes about {duration(whole)}.")
     return not outlook.broken

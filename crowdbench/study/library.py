@@ -7,9 +7,9 @@ import runpy
 from collections.abc import Sequence
 from pathlib import Path
 
-from crowdbench.agent import AgentError, AgentSpec, agent_names, describe_error, find_agent
+from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.messages import nearest, short
+from crowdbench.messages import describe_error, nearest, short
 from crowdbench.registry import Registry, UnknownNameError
 from crowdbench.scenario import ScenarioError, load_scenario
 from crowdbench.study.model import (

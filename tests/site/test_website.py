@@ -57,6 +57,18 @@ def test_the_leaderboard_says_what_the_rows_say(episodes, tmp_path):
     assert cell["estimates"][names.index("jerk")] == [None, None, None, 0]
 
 
+def test_a_cell_without_a_seed_in_between_is_incomplete(episodes, tmp_path):
+    episodes.add("orca", success=[1, 1])
+    episodes.add("orca", success=[1], first=5)
+    episodes.add("straight_line", success=[1, 0])
+    write_report_page(episodes.folder, tmp_path / "site")
+    cells = {cell["agent"]: cell for cell in index(tmp_path / "site")["cells"]}
+    assert {name: cell["missing"] for name, cell in cells.items()} == {
+        "orca": 3,
+        "straight_line": 0,
+    }
+
+
 def test_robots_of_one_episode_are_one_observation(episodes, tmp_path):
     episodes.add("orca", success=[1, 1], robot="robot_0")
     episodes.add("orca", success=[0, 1], robot="robot_1")
