@@ -141,14 +141,16 @@ def _read(
         WHERE e.cell = ? AND e.seed BETWEEN ? AND ? ORDER BY e.seed, length(e.robot), e.robot"""
     rows = []
     for number, seed, described, *facts in connection.execute(query, (cell.number, first, last)):
+        where = f"{path}: {cell.name}, seed {seed}"
         try:
             driven = unpacked(*facts[:7])
-        except ValueError as error:
-            raise ResultsError(
-                f"{path}: {cell.name}, seed {seed}: damaged commands ({error})"
-            ) from error
-        values = [math.nan if value is None else value for value in facts[7:]]
-        defined = json.loads(described)
+        except (ValueError, TypeError) as error:
+            raise ResultsError(f"{where}: damaged commands ({error})") from error
+        try:
+            values = [math.nan if value is None else float(value) for value in facts[7:]]
+            defined = dict(json.loads(described))
+        except (ValueError, TypeError) as error:
+            raise ResultsError(f"{where}: damaged metrics ({error})") from error
         known = {
             name: value
             for name, value in zip(names, values, strict=True)

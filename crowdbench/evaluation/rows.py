@@ -15,6 +15,7 @@ from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.measured import OUTCOMES, is_proportion, quoted
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, Origin
+from crowdbench.messages import short
 
 _CELL = tuple(field.name for field in fields(Cell))
 _FIRST = (*_CELL, "seed", "robot", "outcome")
@@ -66,7 +67,7 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
     if not integers:
         return empty_frame()
     cell, *whole = np.concatenate(integers, axis=1)
-    table = {**_cell_columns(connection, cell), **dict(zip(_INTEGERS, whole, strict=True))}
+    table = {**_cell_columns(connection, cell, path), **dict(zip(_INTEGERS, whole, strict=True))}
     table |= dict(zip(_TEXTS, texts, strict=True))
     table |= dict(zip(metrics, np.concatenate(numbers, axis=1), strict=True))
     frame = pd.DataFrame({name: table[name] for name in (*_FIRST, *metrics, *_LAST)})
@@ -81,7 +82,7 @@ def _chunks(cursor: sqlite3.Cursor) -> Iterator[list[tuple[object, ...]]]:
 
 
 def _cell_columns(
-    connection: sqlite3.Connection, cell: NDArray[np.int64]
+    connection: sqlite3.Connection, cell: NDArray[np.int64], path: Path
 ) -> dict[str, NDArray[np.object_]]:
     """What all rows of a cell share, for every row."""
     names = [name for name in _CELL if name != "version"]
@@ -89,6 +90,10 @@ def _cell_columns(
         row[0]: row[1:] for row in connection.execute(f"SELECT id, {', '.join(names)} FROM cells")
     }
     present, index = np.unique(cell, return_inverse=True)
+    for number in present:
+        for name, text in zip(names, known[number], strict=True):
+            if not isinstance(text, str):
+                raise ResultsError(f"{path}: damaged ({name} of a cell is {short(text)})")
     return {
         name: np.array([known[number][i] for number in present], dtype=object)[index]
         for i, name in enumerate(names)

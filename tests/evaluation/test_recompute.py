@@ -157,6 +157,24 @@ def test_damaged_commands_end_it_with_the_episode_s_name(folder):
         recompute(folder)
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE metrics SET spl = x'78' WHERE episode = 3",
+        "UPDATE metric_sets SET definitions = '{'",
+    ],
+)
+def test_damaged_metrics_end_it_with_the_episode_s_name(folder, statement):
+    alter(
+        folder,
+        "PRAGMA writable_schema = ON",
+        "UPDATE sqlite_schema SET sql = replace(sql, ') STRICT', ')')",
+    )
+    alter(folder, statement)
+    with pytest.raises(ResultsError, match=r"straight_line in tiny@\w+, seed \d: damaged metrics"):
+        recompute(folder)
+
+
 def test_the_command_says_what_it_found(folder, capsys):
     arguments = ["recompute", "--results", str(folder), "--jobs", "1"]
     assert main(arguments) == 0

@@ -257,6 +257,32 @@ def test_the_file_takes_nothing_but_numbers_for_numbers(store, statement):
         alter(store, statement)
 
 
+LAX = (
+    "PRAGMA writable_schema = ON",
+    "UPDATE sqlite_schema SET sql = replace(sql, ') STRICT', ')')",
+)
+"""What a damaged disk needs no permission for: anything in any column."""
+
+
+@pytest.mark.parametrize(
+    ("statement", "told"),
+    [
+        ("UPDATE cells SET options = x'78'", "damaged (options of a cell is b'x')"),
+        ("UPDATE metrics SET success = x'78'", "a row holds something else than numbers ("),
+        ("UPDATE episodes SET steps = 'some'", "a row holds something else than numbers ("),
+    ],
+)
+def test_values_of_another_kind_are_damage(store, statement, told):
+    store.append(CELL, [row(0)])
+    with contextlib.closing(sqlite3.connect(store.path)) as database, database:
+        for change in LAX:
+            database.execute(change)
+    alter(store, statement)
+    with pytest.raises(ResultsError) as caught:
+        load_results(store.folder)
+    assert str(caught.value).startswith(f"{store.path}: {told}")
+
+
 WRITER = """
 import json, sys
 from pathlib import Path
