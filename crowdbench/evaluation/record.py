@@ -47,7 +47,9 @@ _FACTS = ("robot", "outcome", "error", "diagnostics", "machine", *VERSIONS, "tim
 _FIRST = (*_IDENTITY, "seed", "robot", "outcome")
 _LAST = ("steps", "error", "diagnostics", "machine", *VERSIONS, "timestamp")
 _ARRAYS = ("seeds", "robots", "lengths", "commands", "inference")
-_DAMAGE = (OSError, EOFError, ValueError, KeyError, zlib.error, zipfile.BadZipFile)
+_DAMAGE = (
+    OSError, EOFError, ValueError, KeyError, OverflowError, zlib.error, zipfile.BadZipFile
+)  # fmt: skip
 
 
 class Published(NamedTuple):
@@ -254,6 +256,8 @@ def _read_rows(path: Path) -> pd.DataFrame:
     """The rows of one file, floats exactly as they were written."""
     import pandas as pd
 
+    from crowdbench.evaluation.rows import check_rows
+
     # From 3.1 on, pandas always reads floats exactly, and warns of the option.
     version = tuple(int(part) for part in pd.__version__.split(".")[:2])
     exact = {} if version >= (3, 1) else {"float_precision": "round_trip"}
@@ -272,9 +276,25 @@ def _read_rows(path: Path) -> pd.DataFrame:
         missing = [name for name in (*_FIRST, *_LAST) if name not in rows]
         if missing or rows.empty:
             raise ValueError(f"without {', '.join(missing) or 'rows'}")
-        return rows
+        _require_one_cell(rows, path)
     except _DAMAGE as error:
-        raise ResultsError(f"{path}: not rows of the record ({error})") from error
+        reason = " ".join(str(error).split())
+        raise ResultsError(f"{path}: not rows of the record ({reason})") from error
+    check_rows(rows, path)
+    return rows
+
+
+def _require_one_cell(rows: pd.DataFrame, path: Path) -> None:
+    """Refuse rows that would be counted twice, or as somebody else's."""
+    found = rows[list(_IDENTITY)].drop_duplicates().itertuples(index=False)
+    first, *others = (Cell(*values) for values in found)
+    if path != _row_file(path.parents[2], first):
+        raise ValueError(f"they are of {first.agent} in {first.scenario}")
+    if any(other.identity != first.identity for other in others):
+        raise ValueError("they are of more than one measurement")
+    twice = rows[rows.duplicated(["seed", "robot"])]
+    if len(twice):
+        raise ValueError(f"seed {twice['seed'].iloc[0]}, {twice['robot'].iloc[0]} is there twice")
 
 
 def _read_arrays(path: Path, cell: Cell) -> dict[str, NDArray[np.generic]] | None:

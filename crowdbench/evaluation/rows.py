@@ -71,7 +71,7 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
     table |= dict(zip(_TEXTS, texts, strict=True))
     table |= dict(zip(metrics, np.concatenate(numbers, axis=1), strict=True))
     frame = pd.DataFrame({name: table[name] for name in (*_FIRST, *metrics, *_LAST)})
-    _check(frame, metrics, path)
+    check_rows(frame, path)
     return frame.sort_values(["scenario", "agent", "seed", "robot"], ignore_index=True)
 
 
@@ -100,13 +100,18 @@ def _cell_columns(
     }
 
 
-def _check(frame: pd.DataFrame, metrics: Sequence[str], path: Path) -> None:
+def check_rows(frame: pd.DataFrame, path: Path) -> None:
+    """Refuse rows that hold what cannot be.
+
+    Raises:
+        ResultsError: names the first such row, what it holds and what is allowed.
+    """
     wrong: dict[str, tuple[NDArray[np.bool_], str]] = {
         "outcome": (~frame["outcome"].isin(OUTCOMES).to_numpy(), ", ".join(OUTCOMES)),
         "steps": (frame["steps"].to_numpy() < 0, "0 or more"),
         "seed": (frame["seed"].to_numpy() < 0, "0 or more"),
     }
-    for name in metrics:
+    for name in metric_columns(frame):
         if is_proportion(name):
             values = frame[name].to_numpy()
             wrong[name] = (~np.isin(values, (0, 1)) & ~np.isnan(values), "0, 1 or nothing")

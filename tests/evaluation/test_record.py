@@ -173,6 +173,29 @@ def test_damaged_rows_are_named(written, content):
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda rows: pd.concat([rows, rows[2:3]]), "seed 99, robot_0 is there twice"),
+        (lambda rows: rows.assign(scenario="unimodal_slow"), "they are of planner:gain=2 in unim"),
+        (lambda rows: rows.assign(code=["a", *"bbbb"]), "they are of more than one measurement"),
+        (lambda rows: rows.assign(seed=str(10**20)), "not rows of the record (Overflow"),
+        (lambda rows: rows.assign(success=7.0), "seed 0, robot_0: success is 7.0, expected 0, 1"),
+        (lambda rows: rows.assign(steps=-5), "seed 0, robot_0: steps is -5, expected 0 or more"),
+        (lambda rows: rows.assign(outcome="draw"), "robot_0: outcome is draw, expected success"),
+    ],
+    ids=["twice", "elsewhere", "mixed", "seed", "success", "steps", "outcome"],
+)
+def test_rows_changed_by_hand_are_refused_and_never_counted(written, change, told):
+    path = only_file(written, "rows")
+    rows = pd.read_csv(path, keep_default_na=False, dtype=str)
+    path.write_bytes(gzip.compress(change(rows).to_csv(index=False).encode()))
+    with pytest.raises(ResultsError) as caught:
+        load_record(folder=written)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert told in str(caught.value)
+
+
 def test_a_cut_off_file_of_commands_is_named(written):
     path = only_file(written, "actions")
     path.write_bytes(path.read_bytes()[:-40])
