@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +16,20 @@ from crowdbench.evaluation.results import Origin, Result
 from crowdbench.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from crowdbench.evaluation.episode import Episode
     from crowdbench.simulation.env import CrowdEnv
+
+TRUSTED_SHARE = 0.9
+"""Of the time inside ``act`` the process computed at least this share, or its times do not count:
+the machine was overloaded, or the agent waited for something else."""
+_WAITED = "crowdbench.processor_share"
+
+
+def waited(rows: pd.DataFrame) -> pd.Series:
+    """Which stored rows have no ``inference_s`` because the process waited inside ``act``."""
+    return rows["diagnostics"].str.contains(f'"{_WAITED}"', regex=False)
 
 
 class Scorer:
@@ -38,7 +53,7 @@ class Scorer:
             self._env = CrowdEnv(scenario)
         origin = Origin.here(machine)
         episodes = simulate(self._env, seed, driven, label=label)
-        return [Result.of(episode, metrics(episode), origin) for episode in episodes]
+        return [Result.of(*_trusted(episode, metrics(episode)), origin) for episode in episodes]
 
     def compile(self, scenario: Scenario, seed: int) -> None:
         """Let everything run once that is compiled when it is first needed."""
@@ -49,3 +64,12 @@ class Scorer:
         # A scenario without room, or one that ends at once, is told of when it is its turn.
         with contextlib.suppress(ScenarioError, ResimulationError):
             self.score(scenario, "", seed, driven, "")
+
+
+def _trusted(episode: Episode, values: Mapping[str, float]) -> tuple[Episode, Mapping[str, float]]:
+    """Leave a time out that says little about the agent, and keep the reason."""
+    share = episode.processor_share
+    if share >= TRUSTED_SHARE:
+        return episode, values
+    counters = {**episode.diagnostics, _WAITED: round(share, 3)}
+    return replace(episode, diagnostics=counters), {**values, "inference_s": math.nan}
