@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import warnings
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -125,8 +126,10 @@ def run(
         progress = Progress(total, stored=total - len(queue), done=0)
         on_progress(progress)
         unfaithful = []
+        told: set[tuple[str, str]] = set()
         for job, answer in pool.run(queue):
             assert isinstance(job, Job)
+            _pass_on_warnings(job.cell.agent, answer, told)
             try:
                 results = scorer.score(
                     job.scenario, job.cell.agent, job.seed, _driven(job, answer), machine
@@ -196,6 +199,14 @@ def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
     done = _checked(answer)
     assert isinstance(done, Done)
     return done.driven
+
+
+def _pass_on_warnings(agent: str, answer: Answer | Lost, told: set[tuple[str, str]]) -> None:
+    """Warn of what an agent warned of in its process, of each thing once in a run."""
+    for text in answer.warned if isinstance(answer, Done) else ():
+        if (agent, text) not in told:
+            told.add((agent, text))
+            warnings.warn(f"agent {agent!r}: {text}", stacklevel=3)
 
 
 def _checked(answer: Answer) -> Done | Described:

@@ -16,11 +16,12 @@ import resource
 import signal
 import sys
 import traceback
+import warnings
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
 from crowdbench.evaluation.driven import Driven
@@ -30,6 +31,9 @@ from crowdbench.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
+
+MAX_WARNING = 1000
+"""Of a warning that agent code gives [characters]."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +64,15 @@ class Described:
 
 @dataclass(frozen=True)
 class Done:
-    """Answer to Job: what each robot did, which the parent simulates again to measure it."""
+    """Answer to Job: what each robot did, which the parent simulates again to measure it.
+
+    Attributes:
+        driven: of each robot.
+        warned: warnings since the last answer, each in one line.
+    """
 
     driven: list[Driven]
+    warned: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -123,6 +133,8 @@ class _Worker:
         self._agents: list[Agent] = []
         self._described = Described("", "", None)
         self._warm = False
+        self._warned: list[str] = []
+        warnings.showwarning = self._note
 
     def answer(self, message: Message) -> Answer:
         try:
@@ -149,7 +161,12 @@ class _Worker:
                 warm_up(env, self._agents, observations)
             self._warm = True
         episodes = run_episode(env, self._agents, job.seed, label=label, on_call=self._pulse.beat)
-        return Done([Driven.of(episode) for episode in episodes])
+        warned, self._warned = tuple(self._warned), []
+        return Done([Driven.of(episode) for episode in episodes], warned)
+
+    def _note(self, message: Warning | str, *place: Any, **more: Any) -> None:
+        """Keep a warning for the parent, which shows each once however many processes there are."""
+        self._warned.append(" ".join(str(message).split())[:MAX_WARNING])
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv
