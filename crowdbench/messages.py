@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import reprlib
+import signal
+import traceback
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,8 +16,11 @@ from pydantic.fields import FieldInfo
 
 MAX_LENGTH = 100
 """Of a value in a message [characters]."""
+MAX_NAME = 300
+"""Of the name of a file or an agent in a message [characters]."""
 MAX_PROBLEMS = 5
 """That one message names; of the rest it gives the number."""
+_LONGEST_ERROR = 800
 
 _OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 _SYMBOLS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -49,10 +54,43 @@ def printable(text: object) -> str:
     return str(text) if str(text).isprintable() else repr(str(text))
 
 
+def quoted(name: str) -> str:
+    """The name of a file or an agent as Python writes it, whole unless it is absurdly long."""
+    return repr(name) if len(name) <= MAX_NAME and name.isprintable() else short(name)
+
+
 def nearest(word: str, known: list[str]) -> str:
     """Say what may have been meant: ``"; did you mean 'x'?"`` or the list of known words."""
     close = difflib.get_close_matches(word[:MAX_LENGTH], known, n=1, cutoff=0.6)
     return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+
+
+def plain_text(text: str) -> str:
+    """Text of a class of foreign code's own as Python's own, which does only what it says."""
+    return str.__str__(text)
+
+
+def describe_error(error: BaseException) -> str:
+    """Type, text and place of an exception that foreign code has raised, in one line."""
+    try:
+        text = plain_text(" ".join("".join(traceback.format_exception_only(error)).split()))
+    except BaseException as another:  # what writes an exception is foreign code too
+        if is_interrupt(another):
+            raise
+        text = type(error).__name__
+    frames = traceback.extract_tb(error.__traceback__)
+    files = [frame for frame in frames if frame.filename and not frame.filename.startswith("<")]
+    text = text if len(text) <= _LONGEST_ERROR else f"{text[: _LONGEST_ERROR - 3]}..."
+    return f"{text} ({files[-1].filename}:{files[-1].lineno})" if files else text
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether an exception is Ctrl-C, and not a KeyboardInterrupt that foreign code has raised.
+
+    Where the signal is handled in another way, as in worker processes, it cannot be.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    return isinstance(error, KeyboardInterrupt) and handler is signal.default_int_handler
 
 
 def allowed(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:

@@ -93,7 +93,10 @@ def test_what_was_stored_before_is_said_to_be(place, tmp_path, capsys):
 def test_help_names_every_command(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    commands = "run compare agents scenarios show record train tables report replay play"
+    commands = (
+        "run compare agents scenarios show record train tables report replay play recompute export "
+        "import publish"
+    )
     for command in commands.split():
         assert re.search(rf"^\W+{command} ", text, re.MULTILINE)
 
@@ -256,13 +259,16 @@ def test_episodes_that_are_not_what_was_told_of_them_are_named_at_the_end(place,
     arguments = ["run", "-s", f"{place}/tiny.yaml", "-a", agent, "--results", str(tmp_path)]
     assert main([*arguments, "-a", "straight_line", "-j", "1", "-n", "2", "--seed", "7"]) == 1
     captured = capsys.readouterr()
-    assert re.search(r"episodes +0 +2", captured.out)
+    assert re.search(r"episodes +2 +0, incomplete: 2", captured.out), "the complete one first"
     for seed in (7, 8):
         told = (
-            rf"not stored: {re.escape(agent)} in tiny@\w+: .*seed {seed}, robot_0: said to end wit"
+            rf"not stored: {re.escape(agent)} in tiny@\w+, seed {seed}: .*robot_0: said to end wit"
         )
         assert re.search(told, captured.err)
-    assert "2 episodes are not what the agent's process told of them" in captured.err
+    assert "2 episodes are missing" in captured.err
+    assert main([*arguments, "-j", "1", "-n", "2", "--seed", "7", "--json"]) == 1
+    (cell,) = json.loads(capsys.readouterr().out)["cells"]
+    assert (cell["complete"], [one["seed"] for one in cell["missing"]]) == (False, [7, 8])
     assert set(load_results(tmp_path)["agent"]) == {"straight_line"}
 
 

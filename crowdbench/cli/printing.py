@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -14,15 +14,19 @@ from rich.table import Table
 
 from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import Cell, ResultsStore
+from crowdbench.evaluation.results import Cell, ResultsStore, one_line
+from crowdbench.evaluation.runner import Missing
 from crowdbench.evaluation.statistics import Estimate, estimate, per_episode
 
 Rows = Mapping[Cell, pd.DataFrame]
+Lacking = Mapping[Cell, Sequence[Missing]]
 SIGNIFICANT = 0.05
 _LONGEST_UNIT = 6
 
 
-def print_tables(console: Console, store: ResultsStore, rows: Rows, published: Rows) -> None:
+def print_tables(
+    console: Console, store: ResultsStore, rows: Rows, published: Rows, lacking: Lacking
+) -> None:
     """One table per scenario with a column per agent, then where the rows are.
 
     Args:
@@ -30,6 +34,7 @@ def print_tables(console: Console, store: ResultsStore, rows: Rows, published: R
         store: where the rows are.
         rows: what was run.
         published: what the record has of the same agents in the same scenarios.
+        lacking: the episodes of each cell that could not be run.
     """
     for scenario in dict.fromkeys(cell.scenario for cell in rows):
         cells = [cell for cell in rows if cell.scenario == scenario]
@@ -42,12 +47,18 @@ def print_tables(console: Console, store: ResultsStore, rows: Rows, published: R
         columns = [
             part for cell in cells for part in (rows[cell], published.get(cell)) if part is not None
         ]
+        gaps = [
+            gap
+            for cell in cells
+            for gap in (len(lacking.get(cell, ())), *([0] if cell in published else []))
+        ]
         episodes = [per_episode(part, METRICS) for part in columns]
         for name, metric in METRICS.items():
             if metric.main:
                 found = [estimate(metric, values[name]) for values in episodes]
                 table.add_row(_heading(name), *(_interval(metric, item) for item in found))
-        table.add_row("episodes", *(str(len(part)) for part in columns))
+        counts = map(_count, columns, gaps)
+        table.add_row("episodes", *counts)
         table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
         console.print()
@@ -57,12 +68,15 @@ def print_tables(console: Console, store: ResultsStore, rows: Rows, published: R
     console.print(f"rows: {store.path}", markup=False, soft_wrap=True)
 
 
-def as_document(store: ResultsStore, rows: Rows) -> dict[str, Any]:
+def as_document(store: ResultsStore, rows: Rows, lacking: Lacking) -> dict[str, Any]:
     """What the tables say and more, for machines; undefined numbers are null."""
     return {
         "crowdbench": version("crowdbench-nav"),
         "results": str(store.folder),
-        "cells": [_cell_document(store, cell, table) for cell, table in rows.items()],
+        "cells": [
+            _cell_document(store, cell, table, lacking.get(cell, ()))
+            for cell, table in rows.items()
+        ],
     }
 
 
@@ -123,7 +137,9 @@ def _table(title: str) -> Table:
     )
 
 
-def _cell_document(store: ResultsStore, cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
+def _cell_document(
+    store: ResultsStore, cell: Cell, rows: pd.DataFrame, missing: Sequence[Missing]
+) -> dict[str, Any]:
     failed = rows[rows["outcome"] == "agent_error"]
     values = per_episode(rows, METRICS)
     return {
@@ -134,6 +150,8 @@ def _cell_document(store: ResultsStore, cell: Cell, rows: pd.DataFrame) -> dict[
         "code": cell.code,
         "file": str(store.path),
         "episodes": len(rows),
+        "complete": not missing,
+        "missing": [{"seed": one.seed, "reason": one_line(one.reason)} for one in missing],
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
         "metrics": {
             name: _estimate_document(estimate(metric, values[name]))
@@ -163,6 +181,11 @@ def _print_errors(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
             markup=False,
             soft_wrap=True,
         )
+
+
+def _count(rows: pd.DataFrame, missing: int) -> str:
+    """The number of rows, and whether episodes are missing."""
+    return f"{len(rows)}, incomplete: {missing} missing" if missing else str(len(rows))
 
 
 def _endings(rows: pd.DataFrame) -> str:

@@ -11,7 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.progress import Progress as Bar
 
 from crowdbench.cli.common import err
-from crowdbench.evaluation.runner import Progress
+from crowdbench.evaluation.results import one_line
+from crowdbench.evaluation.runner import Missing, Progress
 
 _SHOWN = 10
 """Episodes of one kind that are named."""
@@ -67,15 +68,16 @@ class ProgressBar:
             soft_wrap=True,
         )
 
-    def say_unfaithful(self, episodes: Sequence[str]) -> None:
-        """Say which episodes are not what the agent's process told of them."""
+    def say_missing(self, episodes: Sequence[Missing]) -> None:
+        """Say which episodes have no row, and why."""
         for episode in episodes[:_SHOWN]:
-            self._console.print(f"not stored: {episode}", style="red", markup=False, soft_wrap=True)
+            told = f"not stored: {one_line(str(episode))}"
+            self._console.print(told, style="red", markup=False, soft_wrap=True)
         rest = len(episodes) - _SHOWN
         more = f", {rest} of them not shown" if rest > 0 else ""
         self._console.print(
-            f"{len(episodes)} episodes are not what the agent's process told of them{more}: the "
-            "agent changed them, or crowdbench has a bug.",
+            f"{len(episodes)} episodes are missing{more}. Run the same command again to try them "
+            "again.",
             style="red",
             markup=False,
             soft_wrap=True,

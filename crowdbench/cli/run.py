@@ -41,6 +41,10 @@ def run(
     step_limit: Annotated[
         float, typer.Option(min=0.01, help="Seconds an agent may take for one step.")
     ] = 10.0,
+    retry_errors: Annotated[
+        bool,
+        typer.Option("--retry-errors", help="Run stored episodes with an agent_error again."),
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON document and nothing else.")
     ] = False,
@@ -54,7 +58,7 @@ def run(
     from crowdbench.evaluation.metrics import METRICS
     from crowdbench.evaluation.pool import Limits
     from crowdbench.evaluation.results import ResultsStore
-    from crowdbench.evaluation.runner import Task, UnfaithfulError
+    from crowdbench.evaluation.runner import IncompleteError, Missing, Task
     from crowdbench.evaluation.runner import run as run_tasks
 
     list(METRICS.values())  # a broken one of another package is named before anything is run
@@ -64,7 +68,7 @@ def run(
     specs = {str(spec): spec for spec in map(AgentSpec.parse, agent or [DEFAULT_AGENT])}
     seeds = range(seed, seed + episodes)
     tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
-    unfaithful: Sequence[str] = ()
+    missing: Sequence[Missing] = ()
     with ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar:
         try:
             cells = run_tasks(
@@ -72,13 +76,14 @@ def run(
                 results,
                 jobs=jobs,
                 limits=Limits(step=step_limit),
+                retry_errors=retry_errors,
                 on_progress=bar.update,
             )
         except KeyboardInterrupt:
             bar.say_interrupted(results)
             raise typer.Exit(130) from None
-        except UnfaithfulError as error:
-            cells, unfaithful = error.cells, error.episodes
+        except IncompleteError as error:
+            cells, missing = error.cells, error.missing
 
     from crowdbench.cli.printing import as_document, print_tables
     from crowdbench.evaluation.record import load_record
@@ -86,14 +91,21 @@ def run(
     store = ResultsStore(results)
     rows = {cell: store.rows(cell) for cell in cells}
     rows = {cell: table[table["seed"].isin(seeds)] for cell, table in rows.items()}
+    lacking = {cell: [one for one in missing if one.cell == cell] for cell in cells}
+    # What is incomplete stands last: it is not to be compared with the rest.
+    rows = dict(sorted(rows.items(), key=lambda item: bool(lacking[item[0]])))
     if as_json:
-        typer.echo(json.dumps(as_document(store, rows), allow_nan=False))
+        typer.echo(json.dumps(as_document(store, rows, lacking), allow_nan=False))
     else:
         published = {cell: load_record(cell.scenario, cell.agent) for cell in cells}
         print_tables(
-            out(), store, rows, {cell: part for cell, part in published.items() if len(part)}
+            out(),
+            store,
+            rows,
+            {cell: part for cell, part in published.items() if len(part)},
+            lacking,
         )
         bar.say_stored(results)
-    if unfaithful:
-        bar.say_unfaithful(unfaithful)
+    if missing:
+        bar.say_missing(missing)
         raise typer.Exit(1)

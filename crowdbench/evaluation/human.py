@@ -210,6 +210,6 @@ def store_drive(scenario: Scenario, episode: Episode, folder: Path) -> Path:
     require_writable(folder)
     cell, store = human_cell(scenario), ResultsStore(folder)
     driven = [Driven.of(episode)]
-    results = Scorer().score(scenario, HUMAN, episode.seed, driven, machine_name(threads=1))
+    results = Scorer().score(scenario, HUMAN, episode.seed, driven, machine_name())
     store.append(cell, results, scenario)
     return store.path

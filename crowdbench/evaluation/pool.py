@@ -1,52 +1,40 @@
 """Worker processes that may hang or die without taking the run with them.
 
-Each worker is started as a fresh interpreter (no fork of a process with threads, no import of the
-caller's script), in a session of its own, so that Ctrl-C reaches the parent alone.
+Every agent has processes of its own: whatever it does to one, no other agent is in it.
 """
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import re
-import signal
-import subprocess
-import sys
-import tempfile
+import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing import Pipe
 from multiprocessing.connection import wait
 from types import TracebackType
 
-from crowdbench.evaluation.pulse import MAKING, WARM_UP, Pulse, call_name
-from crowdbench.evaluation.worker import Answer, Message
+from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, call_name
+from crowdbench.evaluation.process import UnreadableAnswerError, WorkerProcess
+from crowdbench.evaluation.protocol import Answer, Broken, Lost, Message
 
-_ONE_THREAD = dict.fromkeys(
-    (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMBA_NUM_THREADS",
-    ),
-    "1",
-)
-_START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); " + (
-    "from crowdbench.evaluation.worker import main; main()"
-)
 _PATIENCE = 0.1
 """How often limits are looked at [s]."""
+_IDLE = 4
+"""Processes that are kept though nothing is left for them at the moment: starting costs more."""
+_STARVED = 10
+"""A limit on processor time, times this, limits wall time, on however busy a machine."""
+_STALLED = 0.02
+"""Share of a processor below which a process does nothing."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """How long an agent's code may take [s].
 
+    The first calls are limited in processor time, so that a busy machine is not the agent's fault.
+    They are over as well when the process has done nothing for as long, or after ten times as long.
+
     Attributes:
-        step: ``reset`` and each ``act``.
+        step: ``reset`` and each ``act``, wall time.
         first: both together the first time in a process, when things are compiled and loaded;
             at least ``step``, and ``step`` once the agent has shown that it hangs.
         making: the agent's ``__init__`` and the import of its module.
@@ -57,27 +45,26 @@ class Limits:
     making: float = 180.0
 
 
-@dataclass(frozen=True)
-class Lost:
-    """What became of a message whose process hung or died."""
-
-    reason: str
-
-
 class Pool:
-    """Hands messages to worker processes and yields their answers."""
+    """Hands messages to worker processes and yields their answers.
+
+    Of an agent that has not acted on this machine before one process goes first, so that what
+    it needs is compiled once.
+    """
 
     def __init__(self, jobs: int, limits: Limits) -> None:
         """Start nothing yet.
 
         Args:
-            jobs: processes at most; with more than one, each computes in a single thread.
+            jobs: processes that work at the same time, at most.
             limits: for agent code.
         """
         self._jobs = jobs
         self._limits = limits
-        self._impatient: set[str] = set()
-        self._processes: list[_Process] = []
+        self._hung: set[str] = set()
+        self._warm: set[str] = set()
+        self._processes: list[WorkerProcess] = []
+        self._progress: dict[WorkerProcess, tuple[float, float]] = {}
 
     def __enter__(self) -> Pool:
         return self
@@ -95,121 +82,127 @@ class Pool:
     def prepare(self, count: int) -> None:
         """Start processes ahead of their work, as many as can be of use."""
         while len(self._processes) < min(count, self._jobs):
-            self._processes.append(_Process(_ONE_THREAD if self._jobs > 1 else {}))
+            self._processes.append(WorkerProcess())
 
     def run(self, queue: deque[Message]) -> Iterator[tuple[Message, Answer | Lost]]:
-        """Yield every message with its answer as they come; the queue may grow meanwhile."""
+        """Yield every message with its answer as they come; the queue may grow meanwhile.
+
+        A message whose process was killed from outside is handed out once more.
+        """
+        again: list[Message] = []
         while queue or any(process.message for process in self._processes):
-            self._processes = [p for p in self._processes if p.message or p.alive]
-            self.prepare(sum(p.message is not None for p in self._processes) + len(queue))
-            for process in self._processes:
-                if queue and process.message is None:
-                    process.send(queue.popleft())
+            self._hand_out(queue)
             busy = [process for process in self._processes if process.message]
             ready = wait([process.connection for process in busy], timeout=_PATIENCE)
             for process in busy:
                 message = process.message
                 answer = self._listen(process, heard=process.connection in ready)
-                if message is not None and answer is not None:
-                    yield message, answer
+                if message is None or answer is None:
+                    continue
+                if isinstance(answer, Lost) and answer.outside and message not in again:
+                    again.append(message)
+                    queue.appendleft(message)
+                    continue
+                yield message, answer
 
-    def _listen(self, process: _Process, heard: bool) -> Answer | Lost | None:
+    def _hand_out(self, queue: deque[Message]) -> None:
+        """Give work to as many processes as there are jobs."""
+        for process in [p for p in self._processes if not p.message and not p.alive]:
+            self._end(process)
+        while queue and sum(p.message is not None for p in self._processes) < self._jobs:
+            message = self._take(queue)
+            if message is None:
+                return
+            self._process_for(str(message.agent)).send(message)
+
+    def _take(self, queue: deque[Message]) -> Message | None:
+        """The first message whose agent is not waiting for its first process to warm up."""
+        busy = [process for process in self._processes if process.message]
+        self._warm |= {process.agent for process in busy if process.heartbeat.warm}
+        cold = {process.agent for process in busy} - self._warm
+        for number, message in enumerate(queue):
+            if str(message.agent) not in cold:
+                del queue[number]
+                return message
+        return None
+
+    def _process_for(self, agent: str) -> WorkerProcess:
+        """A process of the agent's that is free; others make room for a new one."""
+        free = [process for process in self._processes if process.message is None]
+        for process in sorted(free, key=lambda process: process.agent != agent):
+            if process.agent in (agent, ""):
+                return process
+        if len(self._processes) >= max(self._jobs, _IDLE):
+            self._end(free[0])
+        self._processes.append(WorkerProcess())
+        return self._processes[-1]
+
+    def _listen(self, process: WorkerProcess, heard: bool) -> Answer | Lost | None:
         """The answer if there is one, or what happened to the process that owed it."""
         if not heard and process.alive:
-            phase, running = process.pulse.read()
-            limit = self._limit(phase, process.agent)
-            if running is None or running <= limit:
-                return None
-            if phase == WARM_UP:
-                self._impatient.add(process.agent)
+            return self._overdue(process)
+        try:
+            answer = process.receive()
+        except (EOFError, OSError):
+            call, ending = process.heartbeat.read(), process.exit_reason()
             self._processes.remove(process)
-            place = process.stop()
-            return Lost(f"{call_name(phase)} did not return within the limit of {limit:g} s{place}")
-        with contextlib.suppress(EOFError, OSError):
-            return process.receive()
-        self._processes.remove(process)
-        phase, running = process.pulse.read()
-        where = "" if running is None else f" in {call_name(phase)}"
-        return Lost(f"its process ended with {process.bury()}{where}")
-
-    def _limit(self, phase: int, agent: str) -> float:
-        if phase == MAKING:
-            return self._limits.making
-        if phase == WARM_UP and agent not in self._impatient:
-            return max(self._limits.step, self._limits.first)
-        return self._limits.step
-
-
-class _Process:
-    """One worker process and what it shares with its parent."""
-
-    def __init__(self, environment: dict[str, str]) -> None:
-        self.message: Message | None = None
-        self.connection, theirs = Pipe()
-        self._crash = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        with tempfile.TemporaryFile() as shared:
-            self.pulse = Pulse(shared.fileno())
-            descriptors = (theirs.fileno(), shared.fileno(), self._crash.fileno())
-            arguments = [json.dumps(sys.path), *map(str, descriptors), str(os.getpid())]
-            self._popen = subprocess.Popen(
-                [sys.executable, "-c", _START, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=2,  # what agents print must not mix with what the program prints
-                pass_fds=descriptors,
-                env={**os.environ, **environment},
-                start_new_session=True,
-            )
-        theirs.close()
-
-    @property
-    def alive(self) -> bool:
-        return self._popen.poll() is None
-
-    @property
-    def agent(self) -> str:
-        """The agent whose code may be running."""
-        return str(self.message.agent) if self.message else ""
-
-    def send(self, message: Message) -> None:
-        self.message = message
-        with contextlib.suppress(BrokenPipeError):  # a dead process is noticed when it is due
-            self.connection.send(message)
-
-    def receive(self) -> Answer:
-        """Take the answer that has arrived; EOFError when the process is gone instead."""
-        if not self.connection.poll():
-            raise EOFError
-        answer: Answer = self.connection.recv()
-        self.message = None
+            where = "" if call.running is None else f" in {call_name(call.step)}"
+            if ending.outside:
+                return Lost(
+                    f"its process was killed from outside ({ending.reason}){where}", outside=True
+                )
+            self._warm.add(process.agent)
+            return Lost(f"its process ended with {ending.reason}{where}")
+        except UnreadableAnswerError:
+            self._end(process)
+            return Lost("its process sent something that is not an answer")
+        if isinstance(answer, Broken):
+            self._end(process)
         return answer
 
-    def stop(self) -> str:
-        """End a process that hangs; returns the place where it was, as far as that is known."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._popen.send_signal(signal.SIGABRT)  # makes it note its stack
-            self._popen.wait(timeout=2)
-        self.kill()
-        return self._place()
+    def _overdue(self, process: WorkerProcess) -> Lost | None:
+        """What to say of a call that takes too long, whose process is then ended."""
+        call = process.heartbeat.read()
+        if call.running is None:
+            self._progress.pop(process, None)
+            return None
+        limit, kind = self._limits.step, ""
+        if call.step == MAKING or (call.step == WARM_UP and process.agent not in self._hung):
+            first = call.step == WARM_UP
+            limit = max(limit, self._limits.first) if first else self._limits.making
+            if call.running <= limit:
+                return None
+            kind = self._patience_lost(process, call.running, call.processor, limit)
+            if not kind:
+                return None
+        elif call.running <= limit:
+            return None
+        if call.step == WARM_UP:
+            self._hung.add(process.agent)
+            self._warm.add(process.agent)
+        self._processes.remove(process)
+        self._progress.pop(process, None)
+        place = process.stop()
+        return Lost(
+            f"{call_name(call.step)} did not return within the limit of {limit:g} s{kind}{place}"
+        )
 
-    def bury(self) -> str:
-        """Say how a process ended, and where as far as that is known."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._popen.wait(timeout=2)
-        code = self._popen.poll()
-        self.kill()
-        if code is None:
-            return "its connection closed"
-        name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return name + self._place()
+    def _patience_lost(
+        self, process: WorkerProcess, running: float, before: float, limit: float
+    ) -> str:
+        """Why a first call is given up, as words to be added; empty while it is not."""
+        now, used = time.monotonic(), process.processor_time()
+        if used - before > limit:
+            return " of processor time"
+        # The first look counts from when the call began.
+        since, then = self._progress.setdefault(process, (now - running, before))
+        if used - then > _STALLED * limit:
+            self._progress[process] = (now, used)
+        elif now - since > limit:
+            return " without computing"
+        return f" and {_STARVED} times that" if running > _STARVED * limit else ""
 
-    def kill(self) -> None:
-        """End the process and whatever it has started."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._popen.pid, signal.SIGKILL)
-        self._popen.wait()
-        self.connection.close()
-
-    def _place(self) -> str:
-        self._crash.seek(0)
-        frame = re.search(rb'File "(.*)", line (\d+)', self._crash.read(1 << 16))
-        return f" ({frame[1].decode(errors='replace')}:{int(frame[2])})" if frame else ""
+    def _end(self, process: WorkerProcess) -> None:
+        self._processes.remove(process)
+        self._progress.pop(process, None)
+        process.kill()

@@ -201,8 +201,12 @@ class ResultsStore:
         self.path = folder / FILE
         self._connection: sqlite3.Connection | None = None
 
-    def stored(self, cell: Cell) -> dict[int, set[str]]:
+    def stored(self, cell: Cell, *, errors: bool = True) -> dict[int, set[str]]:
         """The robots whose episodes are stored, for each seed.
+
+        Args:
+            cell: whose episodes.
+            errors: those that ended with ``agent_error`` included.
 
         Raises:
             ResultsError: the file cannot be read.
@@ -211,12 +215,18 @@ class ResultsStore:
         with opened_for_reading(self.folder) as connection:
             if connection is not None:
                 query = f"SELECT seed, robot FROM episodes JOIN cells ON cell = cells.id {CELL_IS}"
+                query += "" if errors else " AND outcome != 'agent_error'"
                 for seed, robot in connection.execute(query, cell.identity):
                     seeds.setdefault(seed, set()).add(robot)
         return seeds
 
     def append(
-        self, cell: Cell, results: Sequence[Result], scenario: Scenario | None = None
+        self,
+        cell: Cell,
+        results: Sequence[Result],
+        scenario: Scenario | None = None,
+        *,
+        replace_errors: bool = False,
     ) -> int:
         """Store episodes in one transaction, except those that are there.
 
@@ -224,6 +234,7 @@ class ResultsStore:
             cell: to which they belong.
             results: for each robot and seed one.
             scenario: the definition, without which they cannot be simulated again.
+            replace_errors: in place of an episode in which a robot had an ``agent_error``.
 
         Returns:
             How many are new.
@@ -234,6 +245,9 @@ class ResultsStore:
         connection = self._writer()
         with reported(self.path), transaction(connection):
             number = _cell_number(connection, cell, scenario)
+            if replace_errors:
+                for seed in {result.seed for result in results}:
+                    _forget_error(connection, number, seed)
             return sum(_insert(connection, number, cell.version, result) for result in results)
 
     def rows(self, cell: Cell) -> pd.DataFrame:
@@ -337,6 +351,17 @@ def _cell_number(connection: sqlite3.Connection, cell: Cell, scenario: Scenario 
     found = connection.execute(f"SELECT id FROM cells {CELL_IS}", cell.identity)
     number: int = found.fetchone()[0]
     return number
+
+
+def _forget_error(connection: sqlite3.Connection, cell: int, seed: int) -> None:
+    """Remove all robots of an episode in which one of them had an agent error."""
+    rows = connection.execute(
+        "SELECT id, outcome FROM episodes WHERE cell = ? AND seed = ?", (cell, seed)
+    ).fetchall()
+    if any(outcome == "agent_error" for _, outcome in rows):
+        numbers = [(number,) for number, _ in rows]
+        for table, key in (("actions", "episode"), ("metrics", "episode"), ("episodes", "id")):
+            connection.executemany(f"DELETE FROM {table} WHERE {key} = ?", numbers)
 
 
 def _insert(connection: sqlite3.Connection, cell: int, release: str, result: Result) -> int:

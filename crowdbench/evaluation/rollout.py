@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import Agent, AgentSpec, Observation, describe_error, require_drive
+from crowdbench.agent import Agent, AgentSpec, Observation, require_drive
 from crowdbench.evaluation.episode import Episode, Outcome
-from crowdbench.evaluation.pulse import RESET
+from crowdbench.evaluation.heartbeat import RESET
+from crowdbench.messages import describe_error, is_interrupt, plain_text
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
 from crowdbench.simulation.contact import Contact
@@ -122,10 +122,13 @@ def warm_up(
 
     What goes wrong here goes wrong again, and is reported, in the episode that follows.
     """
-    with contextlib.suppress(Exception, SystemExit):
+    try:
         for log, agent in zip(_logs(env), agents, strict=True):
             agent.reset(env.robot_spec(log.robot), streams.agent_seed(0, log.index))
             agent.act(_sense(agent, observations[log.robot], env.state()))
+    except BaseException as error:
+        if is_interrupt(error):
+            raise
 
 
 def _logs(env: CrowdEnv) -> list[_Log]:
@@ -136,8 +139,8 @@ def _reset(log: _Log, agent: Agent, env: CrowdEnv, seed: int, on_call: OnCall) -
     on_call(RESET)
     try:
         agent.reset(env.robot_spec(log.robot), streams.agent_seed(seed, log.index))
-    except (Exception, SystemExit) as error:
-        log.fail(describe_error(error))
+    except BaseException as error:
+        log.fail(_described(error))
     finally:
         on_call(None)
 
@@ -160,8 +163,8 @@ def _act(
         log.inference_s.append(time.perf_counter() - start)
         # A copy: an agent may hand over the same array at every step.
         array = np.array(action, dtype=np.float64)
-    except (Exception, SystemExit) as error:
-        log.fail(describe_error(error))
+    except BaseException as error:
+        log.fail(_described(error))
         return np.zeros(2)
     finally:
         on_call(None)
@@ -170,6 +173,13 @@ def _act(
     elif not np.isfinite(array).all():
         log.fail(f"act returned {array.tolist()}, expected finite numbers")
     return array if log.outcome is None else np.zeros(2)
+
+
+def _described(error: BaseException) -> str:
+    """What an agent's exception says; Ctrl-C is not the agent's."""
+    if is_interrupt(error):
+        raise error
+    return describe_error(error)
 
 
 def _sense(
@@ -184,9 +194,9 @@ def _ask_diagnostics(log: _Log, agent: Agent, on_call: OnCall) -> None:
     on_call(len(log.actions))
     try:
         items = agent.diagnostics().items()
-        log.diagnostics = {str(key): float(value) for key, value in items}
-    except (Exception, SystemExit) as error:
-        log.error = log.error or f"diagnostics: {describe_error(error)}"
+        log.diagnostics = {plain_text(str(key)): float(value) for key, value in items}
+    except BaseException as error:
+        log.error = log.error or f"diagnostics: {_described(error)}"
     finally:
         on_call(None)
 

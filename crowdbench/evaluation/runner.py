@@ -22,12 +22,22 @@ from typing import Any
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven
-from crowdbench.evaluation.pool import Answer, Limits, Lost, Pool
+from crowdbench.evaluation.pool import Limits, Pool
+from crowdbench.evaluation.protocol import (
+    Answer,
+    Broken,
+    Describe,
+    Described,
+    Done,
+    Job,
+    Lost,
+    Message,
+    Refused,
+)
 from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
 from crowdbench.evaluation.scoring import Scorer
-from crowdbench.evaluation.worker import Broken, Describe, Described, Done, Job, Message, Refused
-from crowdbench.scenario import Scenario
+from crowdbench.scenario import Scenario, ScenarioError
 
 
 @dataclass(frozen=True)
@@ -56,20 +66,31 @@ class Progress:
     rows: Sequence[Mapping[str, Any]] = ()
 
 
-class UnfaithfulError(RuntimeError):
-    """Episodes that are not what an agent's process told of them; everything else is stored.
+@dataclass(frozen=True)
+class Missing:
+    """An episode that was wanted and has no row."""
+
+    cell: Cell
+    seed: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.cell.agent} in {self.cell.scenario}, seed {self.seed}: {self.reason}"
+
+
+class IncompleteError(RuntimeError):
+    """Episodes that could not be run, or are not what an agent's process told of them.
+
+    Everything else is stored.
 
     Attributes:
         cells: those of the run, as it would have returned them.
-        episodes: a line for each, which agent, scenario and seed it was.
+        missing: the episodes, in the order in which they were tried.
     """
 
-    def __init__(self, cells: list[Cell], episodes: Sequence[str]) -> None:
-        super().__init__(
-            f"{len(episodes)} episodes are not stored, because they are not what the agent's "
-            f"process told of them: {'; '.join(episodes[:3])}"
-        )
-        self.cells, self.episodes = cells, episodes
+    def __init__(self, cells: list[Cell], missing: Sequence[Missing]) -> None:
+        super().__init__(f"{len(missing)} episodes are missing: {'; '.join(map(str, missing[:3]))}")
+        self.cells, self.missing = cells, missing
 
 
 def run(
@@ -78,6 +99,7 @@ def run(
     *,
     jobs: int | None = None,
     limits: Limits | None = None,
+    retry_errors: bool = False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> list[Cell]:
     """Run the episodes of a plan that are not stored yet, and store them as they end.
@@ -88,9 +110,10 @@ def run(
     Args:
         tasks: the plan; episodes are run in its order.
         folder: results folder.
-        jobs: worker processes, by default one per core. With more than one, each agent computes
-            in a single thread, which is also how ``inference_s`` is then to be read.
+        jobs: worker processes that work at the same time, by default one per core. However many
+            there are, an agent computes in a single thread.
         limits: for agent code.
+        retry_errors: run stored episodes that ended with ``agent_error`` again and replace them.
         on_progress: called at the start and after every episode.
 
     Returns:
@@ -98,18 +121,18 @@ def run(
 
     Raises:
         AgentError: an agent cannot be made, or cannot act for a scenario's drive.
-        ScenarioError: a scenario has no room.
+        ScenarioError: a scenario has no room, with any of its seeds.
         ResultsError: the results folder cannot be written to.
-        UnfaithfulError: at the end, if an agent's process told of episodes that do not happen.
+        IncompleteError: at the end, if episodes are missing.
     """
     folder = Path(folder)
     store, scorer = ResultsStore(folder), Scorer()
     require_writable(folder)
     for task in tasks:
         _require_known(task.agent.name)
-    jobs = jobs or core_count()
-    machine = machine_name(threads=1 if jobs > 1 else core_count())
-    with Pool(jobs, limits or Limits()) as pool:
+    machine = machine_name()
+    missing: list[Missing] = []
+    with Pool(jobs or core_count(), limits or Limits()) as pool:
         pool.prepare(sum(len(task.seeds) for task in tasks))
         identities = _identify(pool, [task.agent for task in tasks])
         for task in tasks:
@@ -118,43 +141,53 @@ def run(
         cells = [_cell(task, identities[str(task.agent)]) for task in tasks]
         queue: deque[Message] = deque()
         for task, cell in zip(tasks, cells, strict=True):
-            finished = store.stored(cell)
+            finished = store.stored(cell, errors=not retry_errors)
             robots = set(_robots(task.scenario))
-            missing = [seed for seed in task.seeds if not finished.get(seed, set()) >= robots]
-            queue.extend(Job(task.scenario, task.agent, cell, seed) for seed in missing)
+            wanted = [seed for seed in task.seeds if not finished.get(seed, set()) >= robots]
+            queue.extend(Job(task.scenario, task.agent, cell, seed) for seed in wanted)
         total = sum(len(task.seeds) for task in tasks)
         progress = Progress(total, stored=total - len(queue), done=0)
         on_progress(progress)
-        unfaithful = []
-        told: set[tuple[str, str]] = set()
+        without_room: dict[Cell, ScenarioError] = {}
+        warned: set[tuple[str, str]] = set()
         for job, answer in pool.run(queue):
             assert isinstance(job, Job)
-            _pass_on_warnings(job.cell.agent, answer, told)
+            _pass_on_warnings(job.cell.agent, answer, warned)
             try:
-                results = scorer.score(
-                    job.scenario, job.cell.agent, job.seed, _driven(job, answer), machine
-                )
-            except ResimulationError as error:
-                unfaithful.append(f"{job.cell.agent} in {job.cell.scenario}: {error}")
+                driven = _driven(job, answer)
+                results = scorer.score(job.scenario, job.cell.agent, job.seed, driven, machine)
+            except _NotRunError as error:
+                missing.append(Missing(job.cell, job.seed, str(error)))
                 continue
-            store.append(job.cell, results, job.scenario)
+            except ResimulationError as error:
+                told = f"not what the agent's process told of it: {error}"
+                missing.append(Missing(job.cell, job.seed, told))
+                continue
+            except ScenarioError as error:
+                without_room[job.cell] = error
+                missing.append(Missing(job.cell, job.seed, str(error)))
+                continue
+            store.append(job.cell, results, job.scenario, replace_errors=retry_errors)
             rows = [result.row(job.cell) for result in results]
             progress = replace(progress, done=progress.done + 1, rows=rows)
             on_progress(progress)
-    if unfaithful:
-        raise UnfaithfulError(cells, unfaithful)
+    for cell, refusal in without_room.items():
+        if not store.stored(cell):
+            raise refusal
+    if missing:
+        raise IncompleteError(cells, missing)
     return cells
 
 
-def machine_name(threads: int) -> str:
-    """The processor, its cores, and how many threads an agent had."""
+def machine_name() -> str:
+    """The processor and its cores; an agent has a single thread."""
     name = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         name = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
     except (OSError, StopIteration):  # not Linux, or a processor without a name
         pass
-    return f"{name}, {core_count()} cores, {threads} thread{'s' * (threads > 1)} per agent"
+    return f"{name}, {core_count()} cores, 1 thread per agent"
 
 
 def _require_known(name: str) -> None:
@@ -168,11 +201,16 @@ def _identify(pool: Pool, agents: Sequence[AgentSpec]) -> dict[str, Described]:
     queue: deque[Message] = deque(Describe(spec) for spec in {str(a): a for a in agents}.values())
     identities = {}
     for message, answer in pool.run(queue):
+        label = str(message.agent)
+        if isinstance(answer, Refused):
+            raise answer.error
         if isinstance(answer, Lost):
-            raise AgentError(f"agent {str(message.agent)!r}: {answer.reason}")
-        described = _checked(answer)
-        assert isinstance(described, Described)
-        identities[str(message.agent)] = described
+            raise AgentError(f"agent {label!r}: {answer.reason}")
+        if isinstance(answer, Broken):
+            raise AgentError(f"agent {label!r}: it cannot be made: {_last_line(answer)}")
+        if not isinstance(answer, Described):
+            raise AgentError(f"agent {label!r}: its process answered something else")
+        identities[label] = answer
     return identities
 
 
@@ -192,29 +230,41 @@ def _robots(scenario: Scenario) -> list[str]:
     return [f"robot_{r}" for r in range(scenario.robots.count)]
 
 
+class _NotRunError(Exception):
+    """An episode could not be run, which is not the agent's result; the message says why."""
+
+
 def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
-    """What the robots did; nothing, when the process that ran them was lost."""
+    """What the robots did; nothing, when the agent ended the process that ran them."""
     if isinstance(answer, Lost):
+        if answer.outside:
+            raise _NotRunError(f"{answer.reason}, twice")
         return [Driven.lost(robot, answer.reason) for robot in _robots(job.scenario)]
-    done = _checked(answer)
-    assert isinstance(done, Done)
-    return done.driven
+    if isinstance(answer, Refused):
+        raise (
+            answer.error
+            if isinstance(answer.error, ScenarioError)
+            else _NotRunError(str(answer.error))
+        )
+    if isinstance(answer, Broken):
+        raise _NotRunError(f"its worker process failed: {_last_line(answer)}")
+    if not isinstance(answer, Done):
+        raise _NotRunError("its process answered something else")
+    return answer.driven
 
 
-def _pass_on_warnings(agent: str, answer: Answer | Lost, told: set[tuple[str, str]]) -> None:
+def _pass_on_warnings(agent: str, answer: Answer | Lost, warned: set[tuple[str, str]]) -> None:
     """Warn of what an agent warned of in its process, of each thing once in a run."""
     for text in answer.warned if isinstance(answer, Done) else ():
-        if (agent, text) not in told:
-            told.add((agent, text))
+        if (agent, text) not in warned:
+            warned.add((agent, text))
             warnings.warn(f"agent {agent!r}: {text}", stacklevel=3)
 
 
-def _checked(answer: Answer) -> Done | Described:
-    if isinstance(answer, Refused):
-        raise answer.error
-    if isinstance(answer, Broken):
-        raise RuntimeError(f"a worker process failed:\n{answer.traceback}")
-    return answer
+def _last_line(broken: Broken) -> str:
+    lines = broken.traceback.strip().splitlines()
+    place = next((line.strip() for line in reversed(lines) if line.startswith("  File ")), "")
+    return f"{lines[-1]} ({place})"
 
 
 def core_count() -> int:

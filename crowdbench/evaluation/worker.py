@@ -1,8 +1,9 @@
 """The process that runs episodes: agent code runs here and nowhere else.
 
-It answers one message after the other, and gives its pulse while agent code runs.
+It answers one message after the other, all about the same agent, and gives its heartbeat while
+agent code runs.
 
-Everything heavy is imported in ``main``: the parent imports this module for the messages alone.
+Everything heavy is imported in ``main``: nothing of it is needed before.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ import signal
 import sys
 import traceback
 import warnings
-from dataclasses import dataclass
 from importlib.metadata import entry_points
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -25,98 +25,69 @@ from typing import TYPE_CHECKING, Any
 
 from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
 from crowdbench.evaluation.driven import Driven
-from crowdbench.evaluation.pulse import MAKING, WARM_UP, Pulse
-from crowdbench.evaluation.results import Cell
+from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Heartbeat
+from crowdbench.evaluation.protocol import (
+    Answer,
+    Broken,
+    Describe,
+    Described,
+    Done,
+    Job,
+    Message,
+    Refused,
+)
+from crowdbench.messages import plain_text, short
 from crowdbench.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
 
-MAX_WARNING = 1000
-"""Of a warning that agent code gives [characters]."""
-
-
-@dataclass(frozen=True)
-class Describe:
-    """Make the agent and say which one it is."""
-
-    agent: AgentSpec
-
-
-@dataclass(frozen=True)
-class Job:
-    """Run one episode."""
-
-    scenario: Scenario
-    agent: AgentSpec
-    cell: Cell
-    seed: int
-
-
-@dataclass(frozen=True)
-class Described:
-    """Answer to Describe: what distinguishes this agent from another of the same name."""
-
-    weights_sha256: str
-    code: str
-    drives: tuple[str, ...] | None
-
-
-@dataclass(frozen=True)
-class Done:
-    """Answer to Job: what each robot did, which the parent simulates again to measure it.
-
-    Attributes:
-        driven: of each robot.
-        warned: warnings since the last answer, each in one line.
-    """
-
-    driven: list[Driven]
-    warned: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Refused:
-    """Answer to either: the user's mistake."""
-
-    error: AgentError | ScenarioError
-
-
-@dataclass(frozen=True)
-class Broken:
-    """Answer to either: a mistake of crowdbench's, with the traceback."""
-
-    traceback: str
-
-
-Message = Describe | Job
-Answer = Described | Done | Refused | Broken
+_LONGEST_HASH = 200
+_LONGEST_WARNING = 1000
 
 
 def main() -> None:
     """Serve messages until the parent is gone; arguments are the descriptors to use."""
-    connection_fd, pulse_fd, crash_fd, parent = (int(item) for item in sys.argv[-4:])
-    for descriptor in (connection_fd, pulse_fd, crash_fd):
+    connection_fd, heartbeat_fd, crash_fd, parent = (int(item) for item in sys.argv[-4:])
+    for descriptor in (connection_fd, heartbeat_fd, crash_fd):
         os.set_inheritable(descriptor, False)
     _die_with(parent)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     # What is on the stack when the process crashes or is stopped tells where it was.
     faulthandler.enable(crash_fd, all_threads=False)
+    # The parent ends this process; an interrupt that arrives here would look like the agent's.
+    signal.signal(signal.SIGINT, lambda number, frame: None)
     import crowdbench.evaluation.rollout  # noqa: F401 - now, while the parent is still planning
 
-    worker = _Worker(Pulse(pulse_fd))
-    connection = Connection(connection_fd)
+    heartbeat, connection = Heartbeat(heartbeat_fd), Connection(connection_fd)
+    _note_signals(heartbeat)
+    # A child that the agent forks has nothing to say to the parent, and nothing to its log.
+    os.register_at_fork(after_in_child=connection.close)
+    os.register_at_fork(after_in_child=faulthandler.disable)
+    worker, itself, folder = _Worker(heartbeat), os.getpid(), Path.cwd()
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            connection.send(worker.answer(connection.recv()))
+            number, message = connection.recv()
+            os.chdir(folder)  # where the agent's file is found, wherever the agent has gone
+            answer = worker.answer(message)
+            if os.getpid() != itself:
+                os._exit(0)
+            connection.send((number, answer))
 
 
 def code_version(name: str) -> str:
-    """Hash of the file of a ``file.py:Class`` agent, else the distribution that brings it."""
+    """Hash of the file of a ``file.py:Class`` agent, else the distribution that brings it.
+
+    Raises:
+        AgentError: the file is gone.
+    """
     path = name.partition(":")[0]
     if path.endswith(".py"):
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]
+        try:
+            return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]
+        except OSError as error:
+            raise AgentError(f"agent file {short(path)}: {error.strerror}") from error
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name and point.dist is not None:
             return f"{point.dist.name} {point.dist.version}"
@@ -124,17 +95,16 @@ def code_version(name: str) -> str:
 
 
 class _Worker:
-    """Keeps the last environment and the last agents, which the next job mostly needs again."""
+    """Keeps the last environment and the agents, which the next job mostly needs again."""
 
-    def __init__(self, pulse: Pulse) -> None:
-        self._pulse = pulse
+    def __init__(self, heartbeat: Heartbeat) -> None:
+        self._heartbeat = heartbeat
         self._env: CrowdEnv | None = None
-        self._label = ""
         self._agents: list[Agent] = []
         self._described = Described("", "", None)
         self._warm = False
         self._warned: list[str] = []
-        warnings.showwarning = self._note
+        warnings.showwarning = self._note_warning
 
     def answer(self, message: Message) -> Answer:
         try:
@@ -144,7 +114,7 @@ class _Worker:
             return self._run(message)
         except (AgentError, ScenarioError) as error:
             return Refused(copy.copy(error))  # without what caused it, which may not travel
-        except Exception:
+        except BaseException:  # whatever an agent has put in place of what runs here
             return Broken(traceback.format_exc())
 
     def _run(self, job: Job) -> Done:
@@ -156,35 +126,81 @@ class _Worker:
         if made != (job.cell.weights_sha256, job.cell.code):
             raise AgentError(f"agent {label!r} was changed during the run; run again")
         if not self._warm:
-            observations, _ = env.reset(seed=job.seed)
-            with self._pulse.during(WARM_UP):
+            observations, _ = env.reset(seed=job.seed)  # compiles what it needs, without a limit
+            with self._heartbeat.during(WARM_UP):
                 warm_up(env, self._agents, observations)
             self._warm = True
-        episodes = run_episode(env, self._agents, job.seed, label=label, on_call=self._pulse.beat)
+            self._heartbeat.note_warm()
+        beat = self._heartbeat.beat
+        episodes = run_episode(env, self._agents, job.seed, label=label, on_call=beat)
         warned, self._warned = tuple(self._warned), []
         return Done([Driven.of(episode) for episode in episodes], warned)
 
-    def _note(self, message: Warning | str, *place: Any, **more: Any) -> None:
+    def _note_warning(self, message: Warning | str, *place: Any, **more: Any) -> None:
         """Keep a warning for the parent, which shows each once however many processes there are."""
-        self._warned.append(" ".join(str(message).split())[:MAX_WARNING])
+        self._warned.append(" ".join(str(message).split())[:_LONGEST_WARNING])
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv
 
         if self._env is None or self._env.scenario != scenario:
-            self._env = CrowdEnv(scenario)
+            self._env, self._warm = CrowdEnv(scenario), False
         return self._env
 
     def _make(self, spec: AgentSpec, count: int) -> None:
-        if self._label != str(spec):
-            self._agents, self._label, self._warm = [], str(spec), False
         if len(self._agents) == count:
             return
-        with self._pulse.during(MAKING):
+        with self._heartbeat.during(MAKING):
             del self._agents[count:]
             self._agents += [spec.make() for _ in range(count - len(self._agents))]
-        weights = self._agents[0].weights_sha256 or ""
-        self._described = Described(weights, code_version(spec.name), self._agents[0].drives)
+            weights, drives = _weights(spec, self._agents[0]), _drives(spec, self._agents[0])
+        self._described = Described(weights, code_version(spec.name), drives)
+
+
+def _weights(spec: AgentSpec, agent: Agent) -> str:
+    """The agent's word for its weights, as text that fits in a line."""
+    value: Any = agent.weights_sha256
+    if value is not None and not isinstance(value, str):
+        raise AgentError(
+            f"agent {short(str(spec))}: weights_sha256 is {short(value)}, expected text or None"
+        )
+    text = plain_text(value or "")
+    if text.isprintable() and len(text) <= _LONGEST_HASH:
+        return text
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _drives(spec: AgentSpec, agent: Agent) -> tuple[str, ...] | None:
+    value: Any = agent.drives
+    if value is None:
+        return None
+    if not isinstance(value, tuple | list) or not all(isinstance(item, str) for item in value):
+        raise AgentError(
+            f"agent {short(str(spec))}: drives is {short(value)}, expected names of drives or None"
+        )
+    return tuple(plain_text(item) for item in value)
+
+
+def _note_signals(heartbeat: Heartbeat) -> None:
+    """Note signals that this process or a child of it sends to this process.
+
+    The parent sees only by which signal a process was ended, and not whose it was.
+    """
+    itself, group = os.getpid(), os.getpgrp()
+    targets = {"os.kill": ((itself,), (-group,), (0,), (-1,)), "os.killpg": ((group,), (0,))}
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "signal.pthread_kill" or arguments[:1] in targets.get(event, ()):
+            heartbeat.note_signal(int(arguments[1]))
+
+    sys.addaudithook(hook)
+    raise_signal = signal.raise_signal
+
+    def noted(signalnum: int, /) -> None:
+        heartbeat.note_signal(int(signalnum))
+        raise_signal(signalnum)
+
+    signal.raise_signal = noted  # of all these, the one of which no hook is told
 
 
 def _die_with(parent: int) -> None:

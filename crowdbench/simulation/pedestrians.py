@@ -228,7 +228,7 @@ def _look(
     robot_pose: NDArray[np.float64],
     robot_active: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Turn the heading of those who walk, and say who sees which robot, (P, R)."""
+    """Turn the heading of those who walk, and say which pedestrian sees which robot, (P, R)."""
     count, robots = len(position), len(robot_pose)
     seen = np.zeros((count, robots), dtype=np.bool_)
     for p in range(count):

@@ -83,6 +83,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
         "code": cell.code,
         "machines": sorted(set(rows["machine"])),
         "episodes": int(rows["seed"].nunique()),
+        "missing": _missing(rows["seed"]),
         "outcomes": [[str(name), int(count)] for name, count in outcomes.items()],
         "errors": [
             [int(seed), str(error)]
@@ -90,3 +91,8 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
         ],
         "estimates": [list(estimate(metric, values[name])) for name, metric in METRICS.items()],
     }
+
+
+def _missing(seeds: pd.Series) -> int:
+    """How many seeds are missing between the first and the last."""
+    return int(seeds.max() - seeds.min() + 1 - seeds.nunique())

@@ -7,9 +7,9 @@ import runpy
 from collections.abc import Sequence
 from pathlib import Path
 
-from crowdbench.agent import AgentError, AgentSpec, agent_names, describe_error, find_agent
+from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.messages import nearest, short
+from crowdbench.messages import describe_error, nearest, short
 from crowdbench.registry import Registry, UnknownNameError
 from crowdbench.scenario import ScenarioError, load_scenario
 from crowdbench.study.model import (
@@ -60,9 +60,9 @@ def check_study(study: Study) -> None:
     _check_kinds(study)
     _check_names(study)
     cells = study.cells()
-    for agent in dict.fromkeys(cell.agent for cell in (*cells, *study.recorded)):
+    for agent in dict.fromkeys(cell.agent for cell in cells):
         _check_agent(AgentSpec.parse(agent).name)
-    for scenario in dict.fromkeys(cell.scenario for cell in (*cells, *study.recorded)):
+    for scenario in dict.fromkeys(cell.scenario for cell in cells):
         load_scenario(scenario)
     for cell in cells:
         if not isinstance(cell.episodes, int) or cell.episodes < 1:
@@ -100,7 +100,6 @@ def _check_kinds(study: Study) -> None:
         ("claims", study.claims, Claim),
         ("figures", study.figures, Drawing),
         ("more", study.more, Cell),
-        ("recorded", study.recorded, Cell),
         ("shown", study.shown, str),
     ]
     for name, value, kind in fields:

@@ -91,7 +91,8 @@ def fill(table: Table, measured: Measurements, source: str = "the reference") ->
     In each column the method with the best mean is tested against every other one, on the seeds
     that both ran (paired permutation test), and the p-values are corrected after Holm over the
     whole table. Bold are the best and those that cannot be told from it, provided that at least
-    one method is told from it; digits alone make nothing bold. Bounds take no part.
+    one method is told from it; digits alone make nothing bold. Bounds take no part. A method of
+    whose planned episodes some are missing is neither bold nor the best while another has all.
     """
     entries = [
         _entry(table, block, method, quantity, measured)
@@ -118,7 +119,8 @@ def fill(table: Table, measured: Measurements, source: str = "the reference") ->
         worse = {number for number in others if entries[number].p < SIGNIFICANCE}
         if worse:
             for number in {best, *others} - worse:
-                entries[number] = replace(entries[number], bold=True)
+                complete = entries[number].state == "measured"
+                entries[number] = replace(entries[number], bold=complete)
     return Filled(table, tuple(entries), source if table.reference else "")
 
 
@@ -153,7 +155,8 @@ def _compare_with_best(
         return []
     metric = entries[column[0]].quantity.metric
     better = sign(metric)
-    best = max(column, key=lambda number: better * entries[number].estimate.mean)
+    complete = [number for number in column if entries[number].state == "measured"]
+    best = max(complete or column, key=lambda number: better * entries[number].estimate.mean)
     found = []
     for number in column:
         if number == best:

@@ -150,6 +150,16 @@ def test_a_cell_without_episodes_shows_a_dash_and_says_why(episodes):
         assert row["episodes"] == "0"
 
 
+def test_a_method_with_missing_episodes_is_neither_bold_nor_the_best(episodes):
+    episodes.add("neupan", success=ones(99, 99))
+    episodes.add("sac", success=ones(80, 100))
+    episodes.add("orca", success=ones(20, 100))
+    result = filled(episodes, table())
+    bold = {name: entry(result, name).bold for name in ("First", "Second", "Third")}
+    assert bold == {"First": False, "Second": True, "Third": False}
+    assert entry(result, "Third").p < 0.05
+
+
 def test_a_cell_with_some_episodes_is_marked(episodes):
     episodes.add("neupan", success=ones(9, 10))
     result = filled(episodes, table())

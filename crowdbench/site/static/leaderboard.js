@@ -51,6 +51,8 @@
     const metrics = crowdbench.shownMetrics();
     const rows = [...cells].sort(compare);
     if (chosen.reverse) rows.reverse();
+    // What is incomplete is not ranked.
+    rows.sort((a, b) => (a.missing > 0) - (b.missing > 0));
     return element("section", { class: "board", "data-scenario": scenario.label },
       element("h2", {}, scenario.label, " ", element("small", {}, scenario.family)),
       scenario.description ? element("p", { class: "note" }, scenario.description) : null,
@@ -68,7 +70,8 @@
             element("a", { href: link("agent", { name: cell.agent }) },
               crowdbench.name(cell.agent))),
           metrics.map((metric) => crowdbench.cellValue(cell, metric)),
-          element("td", { class: "number" }, String(cell.episodes)),
+          element("td", { class: "number" },
+            String(cell.episodes) + (cell.missing ? `, incomplete: ${cell.missing} missing` : "")),
           element("td", {}, watch(cell))))))));
   }
 

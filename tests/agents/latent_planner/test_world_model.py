@@ -232,7 +232,7 @@ def test_the_papers_values_are_the_defaults():
         ("planner: {horizont: 6}", "planner.horizont"),
         ("planner: {horizon: 0}", "planner.horizon.*greater than or equal to 1"),
         ("just words", "expected sections"),
-        ("a: [", r"config\.yaml: not a YAML file .line 1"),
+        ("a: [", r"config\.yaml: not a YAML file \(line 1: "),
     ],
 )
 def test_bad_configuration_is_refused_by_name(tmp_path, text, message):

@@ -310,5 +310,5 @@ def test_settings_that_cannot_work_are_refused_by_name(tmp_path, change, message
 
 
 def test_options_are_refused_by_name_too():
-    with pytest.raises(ValueError, match=r"'iterations': expected a whole number >= 1 .*got 0"):
+    with pytest.raises(ValueError, match=r"'iterations': expected a whole number >= 1 .*, got 0"):
         crowdbench.AgentSpec.parse("neupan:iterations=0").make()
