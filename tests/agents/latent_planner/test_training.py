@@ -27,7 +27,9 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
     last = curve.read_text().splitlines()[-1].split(",")
     assert int(last[0]) == 300
     assert int(last[2]) > updates
-    _, config, _ = load_world_model(folder / "last.safetensors")
+    _, config, training = load_world_model(folder / "last.safetensors")
+    assert training["robot"]["beams"] == 180
+    assert training["arithmetic"] == "float32"
     assert config.model.latent == 32
     assert overrides["planner.horizon"] == config.planner.horizon
 
