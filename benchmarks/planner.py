@@ -148,7 +148,7 @@ def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, consol
         agent.act(seen[0])
 
     warm_up, _ = seconds(start)
-    model, config = load_world_model(weights)
+    model, config, _ = load_world_model(weights)
     planned = config.override({f"planner.{key}": value for key, value in BUDGET.items()})
     full = folder / "full_budget.safetensors"
     save_weights(full, model.state_dict(), planned, {}, FORMAT)
