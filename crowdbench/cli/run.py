@@ -78,6 +78,7 @@ def run(
                 limits=Limits(step=step_limit),
                 retry_errors=retry_errors,
                 on_progress=bar.update,
+                on_note=bar.note,
             )
         except KeyboardInterrupt:
             bar.say_interrupted(results)

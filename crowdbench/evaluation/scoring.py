@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from crowdbench.evaluation.driven import Driven, simulate
+from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Origin, Result
-from crowdbench.scenario import Scenario
+from crowdbench.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
@@ -35,3 +39,13 @@ class Scorer:
         origin = Origin.here(machine)
         episodes = simulate(self._env, seed, driven, label=label)
         return [Result.of(episode, metrics(episode), origin) for episode in episodes]
+
+    def compile(self, scenario: Scenario, seed: int) -> None:
+        """Let everything run once that is compiled when it is first needed."""
+        robots = range(scenario.robots.count)
+        driven = [
+            Driven(f"robot_{r}", np.zeros((2, 2)), np.zeros(2), "agent_error", "") for r in robots
+        ]
+        # A scenario without room, or one that ends at once, is told of when it is its turn.
+        with contextlib.suppress(ScenarioError, ResimulationError):
+            self.score(scenario, "", seed, driven, "")
