@@ -27,6 +27,7 @@ from crowdbench_agents.latent_planner.world_model import WorldModel, load_world_
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.inputs import ActionBounds, Inputs
 from crowdbench_agents.learning.memory import keep_freed_memory
+from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.seeds import VALIDATION
 from crowdbench_agents.learning.validation import (
     ENVIRONMENTS,
@@ -62,7 +63,7 @@ def planner_act(model: WorldModel, config: Config, execute: int, score: Score) -
             views = encode_views(model, model.encode(inputs), inputs, planner)
             place = given.place[due]
             queue.clear(place[given.steps[due] == 0])
-            with torch.autocast("cpu", torch.bfloat16):
+            with training_precision(bfloat16=True):
                 made = plan(
                     evaluator, views, torch.from_numpy(given.velocity[due]), planner,
                     config.loss.discount, half, generator, queue.rest(place), score,
@@ -83,7 +84,7 @@ def main() -> None:
     arguments = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
-    model, config = load_world_model(arguments.weights)
+    model, config, _ = load_world_model(arguments.weights)
     names = arguments.scenario or HARD
     if names == ["all"]:
         names = crowdbench.scenario_names()

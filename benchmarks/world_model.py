@@ -36,6 +36,7 @@ from crowdbench_agents.learning.config import Config, load_config
 from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.noise import CorrelatedNoise
+from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.replay import NOBODY, Replay
 from crowdbench_agents.learning.seeds import WORLD_MODEL_TEST
 from crowdbench_agents.learning.vector_env import VectorEnv
@@ -269,7 +270,7 @@ def main() -> None:
         f"{len(train)} rows in {time.perf_counter() - began:.0f} s, collisions {share:.3f}"
     )
     for path in arguments.weights:
-        model, trained = load_world_model(path)
+        model, trained, _ = load_world_model(path)
         if trained.perception != config.perception or trained.planner.horizon != horizon:
             parser.error(f"{path}: its obstacle map or horizon is not that of the test data")
         areas = [rollout_auc(model, tests)]
@@ -291,7 +292,7 @@ def learn(
 ) -> None:
     torch.manual_seed(0)
     rng = np.random.default_rng(1)
-    bf16 = torch.autocast("cpu", torch.bfloat16, enabled=config.training.bfloat16)
+    bf16 = training_precision(config.training.bfloat16)
     world = WorldModel(config.model, config.perception.cells)
     model, target = world if name == "rollout" else DirectPredictor(config), copy.deepcopy(world)
     optimizer = torch.optim.Adam(

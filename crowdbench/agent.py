@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from crowdbench.messages import allowed, describe_error, is_interrupt, nearest, short
+from crowdbench.messages import allowed, describe_error, is_interrupt, nearest, quoted, short
 from crowdbench.scenario import Scenario
 from crowdbench.strict_yaml import YamlError, dump_scalar, load_yaml
 
@@ -198,11 +198,11 @@ class AgentSpec:
         for key, value in self.options.items():
             if not _says_everything(value):
                 raise AgentError(
-                    f"agent {short(self.name)}, option {short(key)}: expected a number, true, "
+                    f"agent {quoted(self.name)}, option {short(key)}: expected a number, true, "
                     f"false, null or text without commas, got {short(value)}"
                 )
         if not str(self).isprintable():
-            raise AgentError(f"agent {short(str(self))}: a name must be printable")
+            raise AgentError(f"agent {quoted(str(self))}: a name must be printable")
 
     @classmethod
     def parse(cls, text: str) -> AgentSpec:
@@ -219,12 +219,12 @@ class AgentSpec:
         for item in filter(None, (part.strip() for part in rest.split(","))):
             key, separator, value = item.partition("=")
             if not separator or not key.strip():
-                raise AgentError(f"agent {short(text)}: expected option=value, got {short(item)}")
+                raise AgentError(f"agent {quoted(text)}: expected option=value, got {short(item)}")
             try:
                 options[key.strip()] = load_yaml(value)
             except YamlError as error:
                 raise AgentError(
-                    f"agent {short(text)}: {short(value)} is not a YAML value ({error})"
+                    f"agent {quoted(text)}: {short(value)} is not a YAML value ({error})"
                 ) from error
         return cls(name, options)
 
@@ -246,14 +246,14 @@ class AgentSpec:
         for key in self.options:
             if key not in accepted:
                 known = nearest(key, list(accepted)) if accepted else "; it takes no options"
-                raise AgentError(f"agent {short(self.name)} has no option {short(key)}{known}")
+                raise AgentError(f"agent {quoted(self.name)} has no option {short(key)}{known}")
         self._check_ranges(factory)
         try:
             return factory(**self.options)
         except BaseException as error:
             if is_interrupt(error):
                 raise
-            raise AgentError(f"agent {short(str(self))}: {describe_error(error)}") from error
+            raise AgentError(f"agent {quoted(str(self))}: {describe_error(error)}") from error
 
     def _check_ranges(self, factory: type[Agent]) -> None:
         for key, kind in _declared_ranges(factory).items():
@@ -264,7 +264,7 @@ class AgentSpec:
                 TypeAdapter(kind).validate_python(value, strict=True)
             except ValidationError as error:
                 raise AgentError(
-                    f"agent {short(self.name)}, option {key!r}: expected {allowed(kind)}, "
+                    f"agent {quoted(self.name)}, option {key!r}: expected {allowed(kind)}, "
                     f"got {short(value)}"
                 ) from error
 
@@ -314,12 +314,12 @@ def find_agent(name: str) -> type[Agent]:
                 return _checked(point.load(), name)
             except (ImportError, AttributeError) as error:
                 raise AgentError(f"agent {name!r}: {describe_error(error)}") from error
-    raise AgentError(f"unknown agent {short(name)}{nearest(name, agent_names())}")
+    raise AgentError(f"unknown agent {quoted(name)}{nearest(name, agent_names())}")
 
 
 def _from_file(path: Path, class_name: str) -> type[Agent]:
     if not _is_file(path):
-        raise AgentError(f"agent file {short(str(path))} does not exist")
+        raise AgentError(f"agent file {quoted(str(path))} does not exist")
     unique = hashlib.sha256(str(path.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:8]
     module_name = f"crowdbench_plugin_{path.stem}_{unique}"
     spec = importlib.util.spec_from_file_location(module_name, path)

@@ -16,6 +16,8 @@ from pydantic.fields import FieldInfo
 
 MAX_LENGTH = 100
 """Of a value in a message [characters]."""
+MAX_NAME = 300
+"""Of the name of a file or an agent in a message [characters]."""
 MAX_PROBLEMS = 5
 """That one message names; of the rest it gives the number."""
 _LONGEST_ERROR = 800
@@ -50,6 +52,11 @@ def short(value: object) -> str:
 def printable(text: object) -> str:
     """A path or name from outside as it is, or as Python writes it where a terminal could not."""
     return str(text) if str(text).isprintable() else repr(str(text))
+
+
+def quoted(name: str) -> str:
+    """The name of a file or an agent as Python writes it, whole unless it is absurdly long."""
+    return repr(name) if len(name) <= MAX_NAME and name.isprintable() else short(name)
 
 
 def nearest(word: str, known: list[str]) -> str:

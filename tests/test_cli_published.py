@@ -1,10 +1,16 @@
 """The commands know the published record: nothing has to be run to compare with it."""
 
+import json
+import webbrowser
+
 import pytest
+from PIL import Image
 from stored_episodes import Episodes
 
 from crowdbench.cli import main
+from crowdbench.evaluation import rollout
 from crowdbench.evaluation.joined import cells_of
+from crowdbench.evaluation.publish import publish as publish_plan
 from crowdbench.evaluation.record import write_cell
 from crowdbench.evaluation.results import load_results
 
@@ -77,3 +83,124 @@ def test_run_shows_the_published_figures_beside_its_own(publish, local, capsys):
     assert "published: all rows of straight_line, run on their machine" in text
     assert main(["run", *options, "--set", "pedestrians.count=1"]) == 0
     assert "published" not in said(capsys)
+
+
+def page(folder):
+    text = (folder / "data" / "index.js").read_text()
+    return json.loads(text.removeprefix("crowdbench.index = ").removesuffix(";\n"))
+
+
+@pytest.fixture
+def driven(whole, record, local, monkeypatch):
+    """A published episode whose commands are known, and no results of one's own."""
+    run = whole.run(SCENARIO, "straight_line", 3)
+    publish_plan([(SCENARIO, "straight_line", 100)], whole.folder, record)
+    monkeypatch.setattr(webbrowser, "open", lambda url: True)
+    return run
+
+
+def test_a_published_episode_is_replayed_without_running_it(driven, tmp_path, capsys):
+    assert main(["replay", f"{SCENARIO}:straight_line:3", "-o", "page"]) == 0
+    assert "this is its published episode" in said(capsys)
+    (cell,) = page(tmp_path / "page")["cells"]
+    assert [(one["seed"], one["outcome"]) for one in cell["replays"]] == [(3, driven.outcome)]
+
+
+def test_a_published_episode_is_recorded_without_running_it(driven, tmp_path, capsys, monkeypatch):
+    def run_nobody(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr(rollout.AgentSpec, "make", run_nobody)
+    assert main(["record", SCENARIO, "-a", "straight_line", "--seed", "3", "-o", "a.gif"]) == 0
+    assert "(no agent was run: published)" in said(capsys)
+    assert Image.open(tmp_path / "a.gif").n_frames == driven.steps + 1
+
+
+AGENT = """
+import crowdbench
+
+class A(crowdbench.Agent):
+    def reset(self, robot, seed):
+        pass
+
+    def act(self, observation):
+        return {}, 0.0
+"""
+
+
+def test_an_agent_whose_file_has_changed_is_recorded_anew(local, tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(AGENT.format(0.5))
+    options = ["--set", "time_limit=1", "--results", "new"]
+    assert main(["run", "-s", SCENARIO, "-a", "mine.py:A", "-n", "1", "-j", "1", *options]) == 0
+    command = ["record", SCENARIO, "-a", "mine.py:A", "-o", "a.gif", *options]
+    assert main(command) == 0
+    assert "no agent was run" in said(capsys)
+    (tmp_path / "mine.py").write_text(AGENT.format(0.1))
+    assert main(command) == 0
+    assert "no agent was run" not in said(capsys)
+
+
+def test_the_report_shows_published_episodes_beside_ones_own(driven, local, tmp_path, capsys):
+    local.folder = tmp_path / "crowdbench-results"
+    local.add("mine.py:A", SCENARIO, spl=[0.5])
+    assert main(["report", "-o", "both"]) == 0
+    cells = {cell["agent"]: cell for cell in page(tmp_path / "both")["cells"]}
+    assert set(cells) == {"mine.py:A", "straight_line"}
+    assert [one["seed"] for one in cells["straight_line"]["replays"]] == [3]
+    assert main(["report", "--results", "crowdbench-results", "-o", "own"]) == 0
+    assert {cell["agent"] for cell in page(tmp_path / "own")["cells"]} == {"mine.py:A"}
+
+
+STUDY = """
+from crowdbench.study import Block, Method, Quantity, Study, Table
+
+methods = Method("orca", episodes=2), Method("straight_line", episodes=2)
+STUDY = Study(
+    "mine",
+    "Mine",
+    (Table("1", "Two", (Block(("unimodal_slow",)),), (Quantity("spl"),), methods),),
+)
+"""
+
+
+def test_tables_are_made_from_the_record_and_ones_own_rows(publish, local, tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(STUDY)
+    local.folder = tmp_path / "crowdbench-results"
+    publish("orca", spl=[0.25, 0.25])
+    local.add("orca", SCENARIO, spl=[0.75, 0.75])
+    local.add("straight_line", SCENARIO, spl=[0.5, 0.5])
+    assert main(["tables", "mine.py"]) == 0
+    assert "4 of 4 planned episodes" in said(capsys)
+    path = tmp_path / "crowdbench-results" / "studies" / "mine" / "tables" / "table_1.csv"
+    assert "0.25" in path.read_text() and "0.75" not in path.read_text()
+    assert main(["tables", "mine.py", "--results", "crowdbench-results"]) == 0
+    assert "0.75" in path.read_text() and "0.25" not in path.read_text()
+
+
+def test_publish_says_what_it_has_changed(local, tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(STUDY)
+    command = ["publish", "mine.py", "--record", "kept", "--results"]
+    local.add("orca", SCENARIO, spl=[0.5, 0.5, 0.5])
+    assert main([*command, "mine"]) == 0
+    text = said(capsys)
+    assert "orca in unimodal_slow: 2 added" in text
+    assert "kept: 2 episodes added, 0 replaced" in text
+    later = Episodes(tmp_path / "later")
+    later.add("orca", SCENARIO, spl=[0.25], fixed={"outcome": "timeout", "timestamp": "later"})
+    assert main([*command, "later"]) == 0
+    told = "1 replaced (1 outcomes changed); largest relative differences: spl 0.5"
+    assert told in said(capsys)
+    other = Episodes(tmp_path / "other")
+    other.add("orca", SCENARIO, spl=[0.25], fixed={"weights_sha256": "ff"})
+    assert main([*command, "other"]) == 1
+    assert "not published: orca in unimodal_slow: other weights, code" in said(capsys)
+
+
+def test_publish_works_in_a_checkout_only(local, tmp_path, record, capsys):
+    (tmp_path / "mine.py").write_text(STUDY)
+    local.add("orca", SCENARIO, spl=[0.5])
+    assert main(["publish", "mine.py", "--results", "mine"]) == 2
+    assert "publish in a checkout of crowdbench" in capsys.readouterr().err
+    assert main(["publish", "mine.py", "--results", "mine", "--record", str(record)]) == 2
+    assert "installed with crowdbench is read-only" in capsys.readouterr().err
+    assert not record.exists()

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from crowdbench.evaluation.publish import publish
+from crowdbench.evaluation.record import load_record
+
 PLACES = """\
 import json, sys
 from pathlib import Path
@@ -138,7 +141,8 @@ def test_the_page_knows_them_after_crowdbenchs_own(outside):
 def test_the_command_line_prints_and_compares_them(outside):
     text = outside.crowdbench(*RUN).stdout
     assert "slow ↓ " in text and "half_steps" not in text, "only main ones are shown"
-    done = outside.crowdbench("compare", "orca", "straight_line", "-m", "half_steps", "-m", "slow")
+    compare = ("compare", "orca", "straight_line", "-s", "corridor_sparse")
+    done = outside.crowdbench(*compare, "-m", "half_steps", "-m", "slow")
     assert done.returncode == 0, done.stderr
     mean = np.mean(outside.places["rows"]["half_steps"]) / 60
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("half_steps ↓ [min]")]
@@ -172,7 +176,7 @@ def test_episodes_older_than_a_metric_lack_it_and_say_so(outside, tmp_path):
         "late = outside:LATE\n",
     )
     (tmp_path / "results").symlink_to(outside.folder / "results")
-    compare = ("compare", "orca", "straight_line")
+    compare = ("compare", "orca", "straight_line", "-s", "corridor_sparse")
     done = later.crowdbench(*compare)
     assert done.returncode == 0, done.stderr
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("late ↓")]
@@ -180,3 +184,23 @@ def test_episodes_older_than_a_metric_lack_it_and_say_so(outside, tmp_path):
     done = later.crowdbench(*compare, "-m", "late")
     assert done.returncode == 2
     assert done.stderr == "results: the episodes of orca are older than metric 'late'\n"
+
+
+def test_published_episodes_get_a_new_one_without_running_an_agent(tmp_path, make_whole):
+    whole = make_whole(tmp_path / "mine")
+    steps = [whole.run("corridor_sparse", "straight_line", seed).steps for seed in range(3)]
+    publish([("corridor_sparse", "straight_line", 3)], whole.folder, tmp_path / "kept")
+    later = Outside(tmp_path)
+    later.install(
+        "import crowdbench\n"
+        "HALF = crowdbench.Metric(lambda e: e.steps / 2, '', 'lower', 'half the steps', 'mean')\n",
+        "half_steps = outside:HALF\n",
+    )
+    command = ("-m", "crowdbench.cli", "recompute", "--record", "kept", "--jobs", "1")
+    done = later.python(*command)
+    assert done.returncode == 0, done.stderr
+    told = "3 episodes simulated again; filled in: half_steps in 3 rows; everything else came"
+    assert done.stdout.startswith(told)
+    rows = load_record(folder=tmp_path / "kept")
+    assert rows["half_steps"].tolist() == [number / 2 for number in steps]
+    assert "filled in: nothing" in later.python(*command).stdout

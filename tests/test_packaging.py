@@ -132,7 +132,7 @@ def test_the_main_command_runs(run, tmp_path):
         "crowdbench", "run", "--scenario", "multimodal_fast", "--episodes", 1, "--jobs", 1
     )
     assert "multimodal_fast" in printed
-    assert list(tmp_path.rglob("*.csv"))
+    assert list(tmp_path.rglob("results.sqlite"))
 
 
 def test_every_scenario_is_found(run):

@@ -13,6 +13,7 @@ from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.precision import training_precision
 from torch import Tensor
 
 DEAD_SPREAD = 0.01
@@ -125,7 +126,7 @@ class Learner:
 
     def precision(self) -> torch.autocast:
         """The context in which networks are evaluated in training."""
-        return torch.autocast("cpu", torch.bfloat16, enabled=self.config.training.bfloat16)
+        return training_precision(self.config.training.bfloat16)
 
     def state(self) -> dict[str, Any]:
         """Everything needed to continue, as tensors and numbers."""

@@ -21,6 +21,7 @@ from pydantic import (
 )
 
 import crowdbench
+from crowdbench.messages import short
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -178,7 +179,11 @@ class Training(_Section):
     validation_minutes: Positive = Field(10.0, description="between validations [min]")
     validation_episodes: Count = Field(10, description="per scenario")
     checkpoint_minutes: Positive = Field(5.0, description="between checkpoints [min]")
-    bfloat16: bool = Field(False, description="matrix products and convolutions in bfloat16")
+    bfloat16: bool = Field(
+        False,
+        description="matrix products and convolutions in bfloat16, where the CPU has instructions "
+        "for it",
+    )
 
     @model_validator(mode="after")
     def _everybody_has_an_environment(self) -> Training:
@@ -271,7 +276,7 @@ def parse_config(document: Mapping[str, Any], source: str) -> Config:
         return Config.model_validate(document)
     except ValidationError as error:
         lines = [
-            f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {item['input']!r})"
+            f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {short(item['input'])})"
             for item in error.errors()
         ]
         raise ConfigError(f"{source}: " + "; ".join(lines)) from error

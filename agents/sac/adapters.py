@@ -12,6 +12,7 @@ from crowdbench_agents.learning.config import Config, Model
 from crowdbench_agents.learning.encoder import Encoder
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.replay import EXPERT, NOBODY, Replay, Rows, final_rows
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.vector_env import VectorEnv
@@ -39,7 +40,7 @@ class MapFeatures(BaseFeaturesExtractor):
         """Observations (B, ...) -> features (B, latent)."""
         bits = observations["map"].to(torch.uint8)
         inputs = Inputs(bits, observations["velocity"], observations["goal"])
-        with torch.autocast("cpu", torch.bfloat16, enabled=self._bfloat16):
+        with training_precision(self._bfloat16):
             z = self.encoder(inputs).float()
         return layer_norm(z, z.shape[-1:])
 

@@ -18,6 +18,7 @@ from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
 from crowdbench.cli.play import play
+from crowdbench.cli.publish import publish
 from crowdbench.cli.recompute import recompute
 from crowdbench.cli.record import record
 from crowdbench.cli.replay import replay
@@ -41,7 +42,7 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export,
+    export, publish,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)

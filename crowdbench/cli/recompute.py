@@ -2,39 +2,59 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from crowdbench.cli.common import RESULTS, ResultsOption, err, out
+from crowdbench.cli.common import RESULTS, UserError, err, out, require_writable_record
 
 _SHOWN = 20
 """Lines of one kind that are printed."""
 
 
 def recompute(
-    results: ResultsOption = RESULTS,
+    results: Annotated[
+        Path | None, typer.Option("--results", help=f"Results folder, by default {RESULTS}.")
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="FOLDER",
+            help="A published record instead, in a checkout results/record.",
+        ),
+    ] = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
 ) -> None:
     """Simulate stored episodes again: fill in new metrics and check the others.
 
-    No agent runs. Episodes that come out otherwise stay as they are and are named.
+    No agent runs. Episodes that come out otherwise stay as they are and are named; of the record,
+    the whole cell.
     """
     from rich.progress import Progress
 
-    from crowdbench.evaluation.recompute import recompute as recompute_all
+    from crowdbench.evaluation.recompute import recompute as recompute_results
+    from crowdbench.evaluation.recompute_record import recompute_record
     from crowdbench.evaluation.runner import core_count
 
+    if record is not None:
+        if results is not None:
+            raise UserError("--results and --record: expected one of them")
+        require_writable_record(record, "recompute")
     console = err()
     with Progress(console=console, disable=not console.is_terminal) as bar:
         line = bar.add_task("simulating", total=None)
-        found = recompute_all(
-            results,
-            jobs or core_count(),
-            lambda done, total: bar.update(line, completed=done, total=total),
-        )
+
+        def show(done: int, total: int) -> None:
+            bar.update(line, completed=done, total=total)
+
+        if record is None:
+            found = recompute_results(results or RESULTS, jobs or core_count(), show)
+        else:
+            found = recompute_record(record, jobs or core_count(), show)
     filled = ", ".join(f"{name} in {rows:,} rows" for name, rows in found.filled.items())
     _print_lines(found.without_commands, "")
     _print_lines(found.disagreements, "red")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +12,7 @@ from crowdbench.cli.common import RESULTS, ResultsOption, UserError, out
 from crowdbench.scenario import load_scenario
 
 if TYPE_CHECKING:
-    from crowdbench.site.replay import Recording
+    from crowdbench.evaluation.recordings import Recording
 
 
 def replay(
@@ -29,6 +28,7 @@ def replay(
     """Watch stored episodes in the browser, next to what other agents did on the same seed."""
     import webbrowser
 
+    from crowdbench.evaluation.joined import PUBLISHED
     from crowdbench.site.website import replay_link, write_replay_page
 
     recordings = _of_seed(episode, results)
@@ -40,14 +40,16 @@ def replay(
     opened = webbrowser.open(address)
     hint = "" if opened else "No browser could be opened; open this in one:\n"
     out().print(f"{hint}{address}", markup=False, soft_wrap=True)
+    if PUBLISHED in first.sources.values():
+        out().print(f"{first.cell.agent} has not driven here; this is its published episode.")
 
 
 def _of_seed(text: str, results: Path) -> list[Recording]:
     """The episode that is asked for, then those of other agents on the same seed."""
     from crowdbench.agent import AgentSpec
+    from crowdbench.evaluation.joined import published_and_local
+    from crowdbench.evaluation.recordings import find_recordings
     from crowdbench.evaluation.results import scenario_label
-    from crowdbench.evaluation.stored import find_cells
-    from crowdbench.site.replay import find_recording
 
     place, _, number = text.rpartition(":")
     name, _, agent = place.partition(":")
@@ -57,15 +59,15 @@ def _of_seed(text: str, results: Path) -> list[Recording]:
     is_path = name.endswith((".yaml", ".yml"))
     label = scenario_label(load_scenario(name)) if is_path else name
     wanted = str(AgentSpec.parse(agent))
-    found = [find_recording(results, cell) for cell in find_cells(results, label)]
-    there = [replace(one, seeds=(seed,)) for one in found if one and seed in one.seeds]
-    first = [recording for recording in there if recording.cell.agent == wanted]
+    rows = published_and_local(results, label, first="local")
+    found = find_recordings(rows[rows["seed"] == seed])
+    first = [recording for recording in found if recording.cell.agent == wanted]
     if not first:
         raise UserError(
-            f"{results}: no commands of {wanted!r} in {label!r} with seed {seed} are stored; "
-            f"run it: crowdbench run --scenario {name} --agent {agent} --seed {seed} --episodes 1 "
-            f"--results {results}"
+            f"{results}: no commands of {wanted!r} in {label!r} with seed {seed} are stored, nor "
+            f"published; run it: crowdbench run --scenario {name} --agent {agent} --seed {seed} "
+            f"--episodes 1 --results {results}"
         )
     digest = first[0].cell.scenario_digest
-    others = [r for r in there if r.cell.agent != wanted and r.cell.scenario_digest == digest]
+    others = [r for r in found if r.cell.agent != wanted and r.cell.scenario_digest == digest]
     return [*first, *others]

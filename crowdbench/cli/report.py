@@ -8,25 +8,40 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import DEFAULT_STUDY, RESULTS, ResultsOption, out
+from crowdbench.cli.common import (
+    DEFAULT_STUDY,
+    PUBLISHED,
+    RESULTS,
+    AloneOption,
+    UserError,
+    out,
+    rows_for,
+)
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from crowdbench.site.website import SiteFigure, SiteTable
 
 
 def report(
-    results: ResultsOption = RESULTS,
+    results: AloneOption = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder of the page, by default RESULTS/report."),
+        typer.Option("--output", "-o", help=f"Folder of the page, by default {RESULTS}/report."),
     ] = None,
 ) -> None:
     """Write a page with leaderboards, tables, figures and replays; it needs no server."""
     from crowdbench.site.website import write_report_page
 
+    rows = rows_for(results)
+    if rows.empty:
+        raise UserError(
+            f"{results or RESULTS}: no episodes are stored here; crowdbench run stores some"
+        )
     with tempfile.TemporaryDirectory(prefix="crowdbench-figures-") as folder:
-        tables, figures = _of_study(results, Path(folder))
-        site = write_report_page(results, output or results / "report", tables, figures)
+        tables, figures = _of_study(rows, results or PUBLISHED, Path(folder))
+        site = write_report_page(rows, output or (results or RESULTS) / "report", tables, figures)
     out().print(
         f"{site.page}: {site.cells} leaderboard lines from {site.episodes:,} episodes, "
         f"{site.replays:,} replays",
@@ -35,7 +50,9 @@ def report(
     )
 
 
-def _of_study(results: Path, folder: Path) -> tuple[list[SiteTable], list[SiteFigure]]:
+def _of_study(
+    rows: pd.DataFrame, home: Path, folder: Path
+) -> tuple[list[SiteTable], list[SiteFigure]]:
     """The default study's tables of which something has been run, and its figures in a folder."""
     from crowdbench.site.website import SiteFigure, SiteTable
     from crowdbench.study.figures import save_figures
@@ -45,7 +62,7 @@ def _of_study(results: Path, folder: Path) -> tuple[list[SiteTable], list[SiteFi
     from crowdbench.study.tables import fill_all
 
     study = load_study(DEFAULT_STUDY)
-    measured = Measurements.load(results, study.cells())
+    measured = Measurements(rows, study.cells())
     if measured.episodes.empty:
         return [], []
     tables = [
@@ -53,7 +70,7 @@ def _of_study(results: Path, folder: Path) -> tuple[list[SiteTable], list[SiteFi
         for filled in fill_all(study, measured)
         if filled.states() != {"missing"}
     ]
-    there = save_figures(study.figures, measured, results, folder)
+    there = save_figures(study.figures, measured, home, folder)
     figures = [
         SiteFigure(d.title, d.caption, folder / f"{d.name}.png", folder / f"{d.name}.pdf")
         for d in study.figures

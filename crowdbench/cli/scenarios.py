@@ -33,4 +33,4 @@ def scenarios() -> None:
         )
     console = out()
     console.print(table)
-    console.print("\nstatic: obstacles; react: share of the people who see the robot")
+    console.print("\nstatic: obstacles; react: share of reactive pedestrians, who see the robot")

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.common import DEFAULT_STUDY, PUBLISHED, ResultsOption, UserError, err, out
+from crowdbench.cli.common import (
+    DEFAULT_STUDY,
+    PUBLISHED,
+    RESULTS,
+    AloneOption,
+    UserError,
+    err,
+    out,
+    rows_for,
+)
 
 if TYPE_CHECKING:
     from crowdbench.study import Study
@@ -29,11 +38,12 @@ def tables(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
-    results: ResultsOption = PUBLISHED,
+    results: AloneOption = None,
 ) -> None:
     """Write a study's tables, verdicts, figures and page from the stored episodes.
 
-    The default study goes to the results folder, others go to RESULTS/studies/NAME.
+    They are made from published rows and one's own. The default study goes to results/ (or the
+    folder of --results), others go to studies/NAME in the folder of one's own results.
     """
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
@@ -44,10 +54,11 @@ def tables(
         wanted = load_study(study)
     except StudyError as error:
         raise UserError(str(error)) from error
-    target = results if study == DEFAULT_STUDY else results / "studies" / wanted.name
-    complete = not run or _run(wanted, results, jobs or _cores())
+    folder, home = results or RESULTS, results or PUBLISHED
+    target = home if study == DEFAULT_STUDY else folder / "studies" / wanted.name
+    complete = not run or _run(wanted, folder, jobs or _cores(), alone=results is not None)
     begun = time.perf_counter()
-    written = write_study(wanted, results, target)
+    written = write_study(wanted, home, target, rows_for(results))
     console = out()
     for filled in written.tables:
         console.print(terminal(filled))
@@ -63,9 +74,14 @@ def tables(
         raise typer.Exit(1)
 
 
-def _run(study: Study, folder: Path, jobs: int) -> bool:
-    """Run what is missing; False if some agent could not be made, or episodes not run."""
+def _run(study: Study, folder: Path, jobs: int, alone: bool) -> bool:
+    """Run what is missing, published or not if alone.
+
+    Returns:
+        False if some agent could not be made, or episodes not run.
+    """
     from crowdbench.evaluation.database import require_writable
+    from crowdbench.evaluation.record import load_record
     from crowdbench.evaluation.runner import IncompleteError
     from crowdbench.study.execution import look, run_missing
     from crowdbench.study.page import duration
@@ -82,7 +98,8 @@ def _run(study: Study, folder: Path, jobs: int) -> bool:
         console.print(told, style="yellow", markup=False, soft_wrap=True)
     with _Display() as display:
         try:
-            forecast = run_missing(folder, study, outlook, jobs, display.update)
+            published = None if alone else load_record()
+            forecast = run_missing(folder, study, outlook, jobs, display.update, published)
         except KeyboardInterrupt:
             display.close()
             console.print(

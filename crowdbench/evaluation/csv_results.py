@@ -16,19 +16,14 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.database import ResultsError
-from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.measured import OUTCOMES, is_proportion
-from crowdbench.evaluation.results import Cell, Origin, Result, slug
+from crowdbench.evaluation.results import Cell, Origin, Result
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Key = tuple[tuple[str, ...], int, str]
 """Identity of a cell, seed and robot."""
@@ -79,40 +74,6 @@ def read_csv_cells(folder: Path) -> Iterator[CsvCell]:
             cells.setdefault(cell, []).append(result)
         for cell, results in cells.items():
             yield CsvCell(cell, _scenario(cell, path.with_name("scenario.json")), results)
-
-
-def load_csv_results(folder: Path) -> pd.DataFrame:
-    """The rows as ``load_results`` gives those of a database; superseded ones are left out."""
-    import pandas as pd
-
-    chosen = []
-    for path in sorted(folder.glob("episodes/*/*.csv")):
-        rows = [(Cell(**{n: row[n] for n in _CELL}).identity, row) for _, row in _rows(path)]
-        latest = {identity[:3:2]: identity for identity, _ in rows}
-        chosen += [row for identity, row in rows if latest[identity[:3:2]] == identity]
-    table = pd.DataFrame(chosen, columns=list(chosen[0]) if chosen else [*_CELL, *_FACTS])
-    for name in table.columns:
-        if name in ("seed", "steps"):
-            table[name] = table[name].astype(int)
-        elif name not in (*_CELL, *_FACTS):
-            table[name] = table[name].astype(float)
-    return table.sort_values(["scenario", "agent", "seed", "robot"], ignore_index=True)
-
-
-def csv_driven(folder: Path, scenario: str, agent: str) -> dict[int, list[Driven]]:
-    """What robots did in the whole episodes of an agent, by seed; the latest of each."""
-    rows = {}
-    for _, row in _rows(folder / "episodes" / slug(scenario) / f"{slug(agent)}.csv"):
-        key = (Cell(**{n: row[n] for n in _CELL}).identity, int(row["seed"]), row["robot"])
-        rows[key] = row
-    driven: dict[int, list[Driven]] = {}
-    path = folder / "trajectories" / slug(scenario) / f"{slug(agent)}.jsonl.gz"
-    for key, (actions, times) in sorted(_motions(path).items()):
-        if key in rows:
-            outcome, error = rows[key]["outcome"], rows[key]["error"] or None
-            one = Driven(key[2], actions, times, outcome, error)
-            driven.setdefault(key[1], []).append(one)
-    return driven
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

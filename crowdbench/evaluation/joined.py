@@ -12,6 +12,8 @@ from crowdbench.scenario import ScenarioError, load_scenario
 if TYPE_CHECKING:
     import pandas as pd
 
+PUBLISHED = "published"
+"""Where rows are from that the record has; else their results folder."""
 Key = tuple[str, str]
 """Scenario and agent."""
 
@@ -38,7 +40,8 @@ def published_and_local(
         record: folder of the record, by default the installed one.
 
     Returns:
-        As ``load_results``, with ``source`` "published" or "local".
+        As ``load_results``, and where each row is from in the column ``source``: "published", or
+        the results folder.
 
     Raises:
         ResultsError: rows that cannot be read.
@@ -46,7 +49,7 @@ def published_and_local(
     import pandas as pd
 
     published = load_record(scenario, agent, record)
-    local = load_results(folder, scenario, agent).assign(source="local")
+    local = local_rows(folder, scenario, agent)
     local = local[~_keys(local).isin({key for key in cells_of(published) if _outdated(local, key)})]
     leading, filling = (published, local) if first == "published" else (local, published)
     known, offered = cells_of(leading), cells_of(filling)
@@ -59,6 +62,11 @@ def published_and_local(
         return leading
     rows = pd.concat(parts, ignore_index=True)
     return rows.sort_values(["scenario", "agent", "seed", "robot"], ignore_index=True)
+
+
+def local_rows(folder: Path, scenario: str | None = None, agent: str | None = None) -> pd.DataFrame:
+    """The rows of a results folder alone, as ``published_and_local`` gives them."""
+    return load_results(folder, scenario, agent).assign(source=str(folder))
 
 
 def cells_of(rows: pd.DataFrame) -> dict[Key, Cell]:

@@ -46,10 +46,11 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
     if not cells:
         return empty_frame()
     metrics = [row[1] for row in connection.execute("PRAGMA table_info(metrics)")][1:]
-    columns = [*_INTEGERS, *_TEXTS, *(f"metrics.{quoted(name)}" for name in metrics)]
+    columns = [f"episodes.{name}" for name in ("cell", *_INTEGERS, *_TEXTS)]
+    columns += [f"metrics.{quoted(name)}" for name in metrics]
     query = f"""
-        SELECT cell, {", ".join(columns)} FROM episodes JOIN metrics ON episode = episodes.id
-        WHERE cell IN ({", ".join(map(str, cells))})"""
+        SELECT {", ".join(columns)} FROM episodes JOIN metrics ON metrics.episode = episodes.id
+        WHERE episodes.cell IN ({", ".join(map(str, cells))})"""
     integers: list[NDArray[np.int64]] = []
     texts: list[list[str]] = [[] for _ in _TEXTS]
     numbers: list[NDArray[np.float64]] = []

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import warnings
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -152,8 +153,10 @@ def run(
         on_progress(progress)
         _compile(scorer, queue, on_note)
         without_room: dict[Cell, ScenarioError] = {}
+        warned: set[tuple[str, str]] = set()
         for job, answer in pool.run(queue):
             assert isinstance(job, Job)
+            _pass_on_warnings(job.cell.agent, answer, warned)
             try:
                 driven = _driven(job, answer)
                 results = scorer.score(job.scenario, job.cell.agent, job.seed, driven, machine)
@@ -270,6 +273,14 @@ def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
     if not isinstance(answer, Done):
         raise _NotRunError("its process answered something else")
     return answer.driven
+
+
+def _pass_on_warnings(agent: str, answer: Answer | Lost, warned: set[tuple[str, str]]) -> None:
+    """Warn of what an agent warned of in its process, of each thing once in a run."""
+    for text in answer.warned if isinstance(answer, Done) else ():
+        if (agent, text) not in warned:
+            warned.add((agent, text))
+            warnings.warn(f"agent {agent!r}: {text}", stacklevel=3)
 
 
 def _last_line(broken: Broken) -> str:

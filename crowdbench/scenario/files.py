@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from crowdbench.messages import nearest, printable, short
+from crowdbench.messages import nearest, printable, quoted, short
 from crowdbench.scenario.changes import assign, flatten, merge
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
@@ -106,8 +106,8 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     path: Any = (base / name if base else Path(name)) if is_path else _folder() / f"{name}.yaml"
     if not _is_file(path):
         if is_path:
-            raise ScenarioError(f"scenario file {short(str(path))} does not exist")
-        raise ScenarioError(f"unknown scenario {short(name)}{nearest(name, scenario_names())}")
+            raise ScenarioError(f"scenario file {quoted(str(path))} does not exist")
+        raise ScenarioError(f"unknown scenario {quoted(name)}{nearest(name, scenario_names())}")
     place = str(path.resolve() if isinstance(path, Path) else path)
     if place in seen:
         raise ScenarioError(

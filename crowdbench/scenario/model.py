@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from crowdbench.extensions import DRIVES, WALKING_MODELS
-from crowdbench.messages import Form, explain, short
+from crowdbench.messages import Form, explain, quoted
 from crowdbench.registry import Registry
 from crowdbench.scenario import room
 from crowdbench.scenario.changes import assign, flatten
@@ -203,7 +203,7 @@ class Scenario(_Section):
     description: Text = Field("", description="what it is like, in a line")
     control_period: Positive = Field(0.2, le=2, description="time between two actions [s]")
     substeps: Annotated[int, Field(ge=1, le=50, strict=True), Whole] = Field(
-        4, description="physics steps per control period"
+        4, description="physics steps per control period, at least; fast or small bodies take more"
     )
     time_limit: Positive = Field(40.0, le=3600, description="after which an episode ends [s]")
     arena: Arena = Arena()
@@ -265,4 +265,4 @@ def validate(document: dict[str, Any], source: str) -> Scenario:
     try:
         return Scenario.model_validate(document)
     except ValidationError as error:
-        raise ScenarioError(f"scenario {short(source)}: {explain(error, Scenario)}") from error
+        raise ScenarioError(f"scenario {quoted(source)}: {explain(error, Scenario)}") from error

@@ -71,6 +71,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_goal": real(p, 2),
             "pedestrian_start": real(p, 2),
             "pedestrian_speed": real(p),
+            "pedestrian_radius": real(p),
             "pedestrian_intent": spaces.Box(0, len(INTENTS) - 1, (p,), np.int64),
             "pedestrian_switch_time": real(p),
             "pedestrian_next_goal": real(p, 2),
@@ -97,6 +98,7 @@ def state(world: World) -> dict[str, NDArray[Any]]:
         "pedestrian_goal": people.goal.copy(),
         "pedestrian_start": people.start.copy(),
         "pedestrian_speed": people.speed.copy(),
+        "pedestrian_radius": people.radius.copy(),
         "pedestrian_intent": people.intent.copy(),
         "pedestrian_switch_time": people.switch_time.copy(),
         "pedestrian_next_goal": people.next_goal.copy(),
@@ -174,21 +176,47 @@ def _proprioception(
 
 
 def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
-    """Observations of the pedestrians that are agents, relative to each, in world axes."""
+    """Observations of the pedestrians that are agents, relative to each, in world axes.
+
+    Rows of robots that have left the scene are zero; nobody else can be at offset zero.
+    """
     if not walkers:
         return {}
     people = world.pedestrians
-    robots = np.hstack([world.pose[:, :2], world.world_velocity])
+    robots, present = np.hstack([world.pose[:, :2], world.world_velocity]), world.active[:, None]
     crowd = np.hstack([people.position, people.velocity])
     seen = {}
     for name, p in walkers.items():
         seen[name] = {
             "velocity": people.velocity[p].astype(np.float32),
             "goal": (people.goal[p] - people.position[p]).astype(np.float32),
-            "robots": (robots - crowd[p]).astype(np.float32),
+            "robots": np.where(present, robots - crowd[p], 0.0).astype(np.float32),
             "pedestrians": (np.delete(crowd, p, axis=0) - crowd[p]).astype(np.float32),
         }
     return seen
+
+
+def read_actions(
+    world: World, actions: Mapping[str, Any], robots: list[str], walkers: Mapping[str, int]
+) -> tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]:
+    """What robots (R, 2) and steered pedestrians (2,) are to do, not limited yet.
+
+    Raises:
+        ValueError: a missing or bad action, or one for an unknown agent; the message names it.
+    """
+    for name in actions:
+        if name not in robots and name not in walkers:
+            live = [name for r, name in enumerate(robots) if world.active[r]]
+            raise ValueError(f"action for unknown agent {name!r}; live: {[*live, *walkers]}")
+    commands = np.zeros((len(robots), 2))
+    for r, name in enumerate(robots):
+        if not world.active[r]:
+            continue
+        if name not in actions:
+            raise ValueError(f"no action for agent {name!r}")
+        commands[r] = checked_action(name, actions[name])
+    steered = {name: p for name, p in walkers.items() if actions.get(name) is not None}
+    return commands, {p: checked_action(name, actions[name]) for name, p in steered.items()}
 
 
 def checked_action(name: str, action: Any) -> NDArray[np.float64]:

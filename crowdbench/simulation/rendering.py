@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from crowdbench.agent import RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.canvas import MARGIN, PAPER, WHITE, Brush, Color, Points, View
+from crowdbench.simulation.window import Window
 
 if TYPE_CHECKING:
     import pygame
@@ -43,7 +44,7 @@ class Renderer:
         self._view = View(scenario.arena.length, scenario.arena.width)
         self._trails = _Trails()
         self._fonts: dict[int, pygame.font.Font] = {}
-        self._window: pygame.Surface | None = None
+        self._window: Window | None = None
         self._clock = self._pygame.time.Clock()
         self._closed = False
 
@@ -60,7 +61,7 @@ class Renderer:
             The picture (height, width, 3), or None in mode ``human``, where it goes to a window
             at real-time pace. Nothing more is drawn once that window has been closed.
         """
-        if self._closed:
+        if self._closed or (self._window and self._window.closed):
             return None
         self._trails.add(state)
         picture = self._paint(state, lidar)
@@ -74,23 +75,14 @@ class Renderer:
         """Close the window, if there is one; nothing is drawn afterwards."""
         self._closed = True
         if self._window is not None:
-            self._window = None
-            self._pygame.display.quit()
+            self._window.close()
 
     def _show(self, picture: pygame.Surface) -> None:
-        pygame = self._pygame
         if self._window is None:
-            pygame.display.init()
-            self._window = pygame.display.set_mode(self._view.size)
-            pygame.display.set_caption(f"crowdbench: {self._scenario.name}")
-        self._window.blit(picture, (0, 0))
-        pygame.display.flip()
+            title = f"crowdbench: {self._scenario.name}"
+            self._window = Window(self._pygame, title, self._view.size)
+        self._window.show(picture)
         self._clock.tick(1 / self._scenario.control_period)
-        for event in pygame.event.get():
-            escape = event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q)
-            if event.type == pygame.QUIT or escape:
-                self.close()
-                break
 
     def _paint(
         self, state: Mapping[str, NDArray[Any]], lidar: Mapping[str, NDArray[Any]]

@@ -2,14 +2,57 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
-from crowdbench.scenario import Reward
+from crowdbench.scenario import Reward, Scenario
+from crowdbench.simulation.world import World
 
 WALKING = 0.1
 """Pedestrians slower than this do not take part in interactions [m/s]."""
+
+
+def reward_and_outcome(
+    world: World, scenario: Scenario, r: int, nearest: float, before: float
+) -> tuple[dict[str, float], str, float]:
+    """Reward terms and outcome of a robot's step; a contact counts even on arrival.
+
+    Args:
+        world: after the step.
+        scenario: names weights and the goal tolerance.
+        r: index of the robot.
+        nearest: its least true LiDAR distance [m].
+        before: its distance to the goal before the step [m].
+
+    Returns:
+        Terms by name, ``running``, ``success`` or ``collision``, and the distance now [m].
+    """
+    weights = scenario.reward
+    x, y = (world.goals[r] - world.pose[r, :2]).tolist()
+    distance = math.hypot(x, y)
+    collided = r in world.contacts
+    arrived = not collided and distance <= scenario.robots.goal_tolerance
+    social = 0.0
+    if weights.social > 0.0:
+        social = weights.social * social_term(
+            world.pose[r, :2],
+            world.direction[r],
+            world.speed[r],
+            world.drive.full_speed,
+            world.pedestrians.position,
+            world.pedestrians.velocity,
+            weights.social_radius,
+            weights.social_horizon,
+        )
+    terms = {
+        "goal": goal_term(weights, arrived, before - distance),
+        "collision": collision_term(weights, collided, nearest),
+        "social": social,
+    }
+    return terms, "collision" if collided else "success" if arrived else "running", distance
 
 
 def goal_term(weights: Reward, arrived: bool, progress: float) -> float:

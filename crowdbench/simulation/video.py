@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import GifImagePlugin, Image
 
 Frame = NDArray[np.uint8]
 
 GIF_COLORS = 64
 """Flat drawings need few colours; a small palette halves a GIF."""
+_UNCHANGED = GIF_COLORS
+"""Stands, after the colours, for a pixel that stays as it was."""
 
 PALETTE_FRAMES = 8
 """How many frames, spread over the video, the palette of a GIF is chosen from."""
@@ -61,17 +64,73 @@ def _checked(frames: Iterable[Frame], path: Path) -> Iterator[Frame]:
         yield frame
 
 
+class CompressedFrames:
+    """Pictures kept at a few per cent of their size; each is unpacked when asked for."""
+
+    def __init__(self, frames: Iterable[Frame] = ()) -> None:
+        self._packed: list[tuple[bytes, tuple[int, ...]]] = []
+        for frame in frames:
+            self.append(frame)
+
+    def append(self, frame: Frame) -> None:
+        """Keep one more picture (height, width, 3) uint8."""
+        self._packed.append((zlib.compress(frame.tobytes(), level=1), frame.shape))
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    def __getitem__(self, index: int) -> Frame:
+        packed, shape = self._packed[index]
+        return np.frombuffer(zlib.decompress(packed), np.uint8).reshape(shape)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.__getitem__, range(len(self)))
+
+
 def _write_gif(frames: Iterable[Frame], path: Path, fps: float) -> None:
-    images = [Image.fromarray(frame) for frame in frames]
-    chosen = np.linspace(0, len(images) - 1, min(len(images), PALETTE_FRAMES)).round().astype(int)
-    sample = Image.fromarray(np.vstack([np.asarray(images[index]) for index in chosen]))
+    """Write picture by picture: Pillow's own ``save`` holds all of them at once."""
+    kept = CompressedFrames(frames)
+    chosen = np.linspace(0, len(kept) - 1, min(len(kept), PALETTE_FRAMES)).round().astype(int)
+    sample = Image.fromarray(np.vstack([kept[index] for index in chosen.tolist()]))
     palette = sample.quantize(GIF_COLORS, method=Image.Quantize.MEDIANCUT)
-    # Without dithering a still region stays the same from frame to frame and costs nothing.
-    small = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     duration = max(20, round(100 / fps) * 10)  # ms; shorter times are ignored by viewers
-    small[0].save(
-        path, save_all=True, append_images=small[1:], duration=duration, loop=0, optimize=False
-    )
+    with path.open("wb") as file:
+        before = None
+        for frame in kept:
+            # Without dithering a still region stays the same from frame to frame, costing nothing.
+            image = Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+            now = np.asarray(image)
+            if before is None:
+                file.writelines(_gif_header(palette, image.size, duration))
+                pieces = GifImagePlugin.getdata(Image.fromarray(now), duration=duration)
+            else:
+                piece, corner = _changed(now, before)
+                pieces = GifImagePlugin.getdata(
+                    Image.fromarray(piece), corner, duration=duration,
+                    transparency=_UNCHANGED, disposal=1,
+                )  # fmt: skip
+            file.writelines(pieces)
+            before = now
+        file.write(b";")
+
+
+def _gif_header(palette: Image.Image, size: tuple[int, int], duration: int) -> list[bytes]:
+    blank = Image.new("P", size)
+    colors = palette.getpalette() or []
+    blank.putpalette(colors[: 3 * GIF_COLORS] + [0] * (6 * GIF_COLORS - len(colors)))
+    header, _ = GifImagePlugin.getheader(blank, info={"loop": 0, "duration": duration})
+    return header
+
+
+def _changed(now: Frame, before: Frame) -> tuple[Frame, tuple[int, int]]:
+    """The rectangle that changed, transparent where it did not, and its upper left corner."""
+    differs = now != before
+    if not differs.any():
+        return np.full((1, 1), _UNCHANGED, np.uint8), (0, 0)
+    rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    piece = np.where(differs[box], now[box], np.uint8(_UNCHANGED))
+    return piece, (int(columns[0]), int(rows[0]))
 
 
 def _write_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:

@@ -14,6 +14,7 @@ from crowdbench.simulation.contact import Contact, ContactKind
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.pedestrians import Pedestrians
+from crowdbench.simulation.substeps import body_speed, physics
 
 _ROBOT = 1
 _WALL_THICKNESS = 0.0
@@ -83,6 +84,9 @@ class World:
             commands: (R, 2) actions within the drive's bounds; rows of robots that have left the
                 scene are ignored.
             walking: velocities (2,) [m/s] of pedestrians that are steered from outside.
+
+        Raises:
+            ScenarioError: the walking model returns no velocities, or far too fast ones.
         """
         people, period = self.pedestrians, self._scenario.control_period
         people.advance_legs(self.time)
@@ -91,7 +95,7 @@ class World:
             self._walking[p] = wanted
         self._drive(commands)
         self._set_velocities()
-        substeps = self._scenario.substeps
+        substeps, self._space.collision_bias = physics(self._scenario, self._fastest())
         for _ in range(substeps):
             self._move_robots(period / substeps)
             self._space.step(period / substeps)
@@ -108,8 +112,7 @@ class World:
     def _build(self) -> None:
         scenario, layout = self._scenario, self.layout
         self._space = space = pymunk.Space(threaded=False)
-        # Overlaps of people are resolved within a few substeps instead of a second.
-        space.collision_slop, space.collision_bias = 0.0, 1e-8
+        space.collision_slop = 0.0
         self._bodies: list[pymunk.Body] = []
         self._touchable: dict[pymunk.Shape, tuple[ContactKind, int]] = {}
         half_length, half_width = scenario.robots.length / 2, scenario.robots.width / 2
@@ -170,6 +173,12 @@ class World:
         self._driving = [(r, velocities[r]) for r, _ in self._robot_rows]
         for r, velocity in self._driving:
             self._bodies[r].angular_velocity = self.drive.turn_rate(velocity)
+
+    def _fastest(self) -> float:
+        """Speed of the fastest body in this control period [m/s]."""
+        walking = np.hypot(self._walking[:, 0], self._walking[:, 1]).max(initial=0.0)
+        driving = (body_speed(self._scenario, self.drive, doing) for _, doing in self._driving)
+        return max(float(walking), *driving, 0.0)
 
     def _move_robots(self, duration: float) -> None:
         """Set body velocities so that one physics step goes where the drive says."""

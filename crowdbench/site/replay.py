@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,48 +19,12 @@ from numpy.typing import NDArray
 
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.events import find_events
-from crowdbench.evaluation.resimulate import ResimulationError
-from crowdbench.evaluation.results import Cell, ResultsError, slug
-from crowdbench.evaluation.stored import find_scenario, load_episodes, replayable_seeds
-from crowdbench.scenario import Scenario
+from crowdbench.evaluation.recordings import Recording
+from crowdbench.evaluation.results import slug
 from crowdbench.simulation.contact import INTENTS
 
 LARGEST_FILE = 4_500_000
 """Bytes of one file of replays; the page promises none above 5 MB."""
-
-
-@dataclass(frozen=True)
-class Recording:
-    """The stored episodes of one agent in one scenario that can be seen again.
-
-    Attributes:
-        folder: of the results.
-        cell: whose episodes they are.
-        scenario: its definition.
-        seeds: which of them to show.
-    """
-
-    folder: Path
-    cell: Cell
-    scenario: Scenario
-    seeds: tuple[int, ...]
-
-    def episodes(self, seed: int) -> list[Episode]:
-        """What the robots did with a seed, simulated again.
-
-        Raises:
-            ResultsError: the commands cannot be read, or are not those of this episode.
-        """
-        try:
-            return load_episodes(self.folder, self.cell, self.scenario, seed) or []
-        except ResimulationError as error:
-            raise ResultsError(f"{self.folder}: {error}") from error
-
-
-def find_recording(folder: Path, cell: Cell) -> Recording | None:
-    """What can be seen again of a cell; None if that is nothing, or its scenario is not known."""
-    scenario, seeds = find_scenario(folder, cell), replayable_seeds(folder, cell)
-    return Recording(folder, cell, scenario, tuple(seeds)) if scenario and seeds else None
 
 
 def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[dict[str, Any]]]:
@@ -79,7 +43,7 @@ def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[d
     waiting: list[str] = []
     listed = []
     for episode in (one for seed in recording.seeds for one in recording.episodes(seed)):
-        document = encode(episode, episode.pedestrian_reactive)
+        document = encode(episode)
         text = script_json(document)
         size = sum(map(len, waiting))
         if waiting and size + len(text) > LARGEST_FILE:
@@ -94,13 +58,8 @@ def write_replays(recording: Recording, output: Path) -> tuple[list[str], list[d
     return files, listed
 
 
-def encode(episode: Episode, reactive: NDArray[np.bool_]) -> dict[str, Any]:
-    """An episode as the viewer reads it.
-
-    Args:
-        episode: the log.
-        reactive: (P,) who sees the robot.
-    """
+def encode(episode: Episode) -> dict[str, Any]:
+    """An episode as the viewer reads it."""
     return {
         "seed": episode.seed,
         "robot": episode.robot,
@@ -114,9 +73,9 @@ def encode(episode: Episode, reactive: NDArray[np.bool_]) -> dict[str, Any]:
         "walls": _numbers(episode.walls),
         "obstacles": _numbers(episode.obstacles),
         "radius": episode.pedestrian_radius,
-        "reactive": [bool(value) for value in reactive],
+        "reactive": episode.pedestrian_reactive.tolist(),
         "pose": _packed(episode.robot_pose),
-        "actions": _packed(episode.actions),
+        "motion": _packed(_motion(episode)),
         "others": _packed(episode.other_robots),
         "people": episode.pedestrian_position.shape[1],
         "position": _packed(episode.pedestrian_position),
@@ -164,6 +123,12 @@ def _line(document: dict[str, Any], file: int | None) -> dict[str, Any]:
         "close": kinds.count("ttc"),
         "file": file,
     }
+
+
+def _motion(episode: Episode) -> NDArray[np.float64]:
+    """(T, 2) speed [m/s] and turn rate [rad/s] after each action, whatever the drive."""
+    turned = np.diff(episode.robot_pose[:, 2]) / episode.control_period
+    return np.column_stack([episode.robot_speed[1:], turned])
 
 
 def _packed(values: NDArray[Any]) -> str:

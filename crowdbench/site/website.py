@@ -8,25 +8,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from crowdbench.evaluation.results import ResultsError, load_results
-from crowdbench.evaluation.stored import defined_scenario, find_scenario
+from crowdbench.evaluation.recordings import Recording, find_recordings, scenario_of
+from crowdbench.evaluation.results import ResultsError
+from crowdbench.evaluation.stored import defined_scenario
 from crowdbench.site.cards import agent_card, html_from_markdown
 from crowdbench.site.leaderboard import (
     cell_documents,
     metric_documents,
     scenario_document,
 )
-from crowdbench.site.replay import (
-    Recording,
-    find_recording,
-    script_json,
-    write_replays,
-)
+from crowdbench.site.replay import script_json, write_replays
 
+REPLAYS = 5
+"""Episodes of each agent in each scenario that the page shows; ``crowdbench replay`` shows any."""
 MARK = "crowdbench-report"
 """A file that says that a folder is one of these pages, and may be written over."""
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Site(NamedTuple):
@@ -73,7 +74,7 @@ class SiteFigure(NamedTuple):
 
 
 def write_report_page(
-    results: Path,
+    rows: pd.DataFrame,
     output: Path,
     tables: Sequence[SiteTable] = (),
     figures: Sequence[SiteFigure] = (),
@@ -81,26 +82,25 @@ def write_report_page(
     """Write the whole page: leaderboards, tables, figures, agents and replays.
 
     Args:
-        results: results folder.
+        rows: the episodes, as ``published_and_local`` gives them.
         output: folder of the page; an older page there is replaced.
         tables, figures: to show beside the leaderboards.
 
     Raises:
-        ResultsError: nothing is stored, something cannot be read, or the output is in the way.
+        ResultsError: something cannot be read, or the output is in the way.
     """
-    rows = load_results(results)
-    if rows.empty:
-        raise ResultsError(f"{results}: no episodes are stored here; crowdbench run stores some")
+    recordings = {found.cell.identity: found for found in find_recordings(rows, REPLAYS)}
     with _Writing(output):
         cells, scenarios = [], {}
         for cell, document in cell_documents(rows):
-            scenario = find_scenario(results, cell)
+            mine = rows[(rows["scenario"] == cell.scenario) & (rows["agent"] == cell.agent)]
+            scenario = scenario_of(cell, mine)
             # Rows of a scenario that is defined otherwise by now are not set beside new ones.
             now = defined_scenario(cell.scenario, cell.scenario_digest, definition="")
             old = now is None and "@" not in cell.scenario
             label = f"{cell.scenario}@{cell.scenario_digest}" if old else cell.scenario
             scenarios[label] = scenario_document(label, scenario)
-            recording = find_recording(results, cell)
+            recording = recordings.get(cell.identity)
             files, replays = ([], []) if recording is None else write_replays(recording, output)
             cells.append({**document, "scenario": label, "files": files, "replays": replays})
         _write_index(

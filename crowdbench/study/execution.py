@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from crowdbench.agent import AgentError, AgentSpec
 from crowdbench.evaluation.results import load_results, scenario_label
@@ -14,6 +15,9 @@ from crowdbench.evaluation.runner import Progress, Task, run
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell, Study
 from crowdbench.study.sessions import Account
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PASSES = (1, 50, 100)
 """Seeds below the first limit run first, in every cell: then all speeds are known. Then as much in
@@ -138,8 +142,9 @@ def run_missing(
     outlook: Outlook,
     jobs: int,
     on_progress: Callable[[int, int, Forecast], None],
+    published: pd.DataFrame | None = None,
 ) -> Forecast:
-    """Run the episodes of a study that are not stored yet.
+    """Run the episodes of a study that are not there yet.
 
     Args:
         folder: results folder.
@@ -147,6 +152,7 @@ def run_missing(
         outlook: of its cells; agents that cannot be made are left out.
         jobs: processes.
         on_progress: told the number of episodes stored, of those planned, and the forecast.
+        published: rows of the record that need not be run again; none by default.
 
     Returns:
         The forecast as it is at the end.
@@ -154,12 +160,18 @@ def run_missing(
     plan = [cell for cell in study.cells() if cell.agent in outlook.weights]
     worlds = {cell.scenario: load_scenario(cell.scenario) for cell in plan}
     digests = {scenario_label(world): world.digest for world in worlds.values()}
-    stored = [
-        row
-        for row in load_results(folder).itertuples()
-        if row.scenario_digest == digests.get(row.scenario)
-        and row.weights_sha256 == outlook.weights.get(row.agent)
-    ]
+
+    def fitting(rows: pd.DataFrame) -> list[Any]:
+        return [
+            row
+            for row in rows.itertuples()
+            if row.scenario_digest == digests.get(row.scenario)
+            and row.weights_sha256 == outlook.weights.get(row.agent)
+        ]
+
+    elsewhere = [] if published is None else fitting(published)
+    not_again = {(row.scenario, row.agent, row.seed) for row in elsewhere}
+    stored = [*fitting(load_results(folder)), *elsewhere]
     there = {(row.scenario_digest, row.agent, row.seed) for row in stored}
     pending = Counter(
         cell.agent
@@ -181,19 +193,20 @@ def run_missing(
         on_progress(done, total, forecast)
 
     try:
-        run(_tasks(plan), folder, jobs=jobs, on_progress=advance)
+        run(_tasks(plan, not_again), folder, jobs=jobs, on_progress=advance)
     finally:
         account.write()
     return forecast
 
 
-def _tasks(plan: Sequence[Cell]) -> list[Task]:
+def _tasks(plan: Sequence[Cell], not_again: Set[tuple[str, str, int]] = frozenset()) -> list[Task]:
     """The plan pass by pass, each of them grouped by agent, which saves loading."""
     tasks = []
     limits = (*PASSES, max((cell.episodes for cell in plan), default=0))
     for first, end in zip((0, *limits), limits, strict=False):
         for cell in plan:
-            seeds = range(first, min(end, cell.episodes))
+            wanted = range(first, min(end, cell.episodes))
+            seeds = [seed for seed in wanted if (*cell[:2], seed) not in not_again]
             if seeds:
                 tasks.append(Task(load_scenario(cell.scenario), AgentSpec.parse(cell.agent), seeds))
     return tasks

@@ -60,9 +60,9 @@ def check_study(study: Study) -> None:
     _check_kinds(study)
     _check_names(study)
     cells = study.cells()
-    for agent in dict.fromkeys(cell.agent for cell in (*cells, *study.recorded)):
+    for agent in dict.fromkeys(cell.agent for cell in cells):
         _check_agent(AgentSpec.parse(agent).name)
-    for scenario in dict.fromkeys(cell.scenario for cell in (*cells, *study.recorded)):
+    for scenario in dict.fromkeys(cell.scenario for cell in cells):
         load_scenario(scenario)
     for cell in cells:
         if not isinstance(cell.episodes, int) or cell.episodes < 1:
@@ -100,7 +100,6 @@ def _check_kinds(study: Study) -> None:
         ("claims", study.claims, Claim),
         ("figures", study.figures, Drawing),
         ("more", study.more, Cell),
-        ("recorded", study.recorded, Cell),
         ("shown", study.shown, str),
     ]
     for name, value, kind in fields:

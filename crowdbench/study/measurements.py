@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from crowdbench.evaluation.csv_results import load_csv_results
+from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.results import load_results, scenario_label
+from crowdbench.evaluation.results import scenario_label
 from crowdbench.evaluation.statistics import Difference, Estimate, estimate, paired_difference
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
@@ -25,7 +25,7 @@ class Measurements:
         """Keep the episodes that the plan asks for, of the scenarios as they are now.
 
         Args:
-            episodes: as ``load_results`` returns them.
+            episodes: as ``published_and_local`` returns them.
             plan: what a study needs, see ``Study.cells``.
         """
         self.plan = list(plan)
@@ -50,9 +50,8 @@ class Measurements:
 
     @classmethod
     def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
-        """Read a results folder."""
-        published = (folder / "episodes").is_dir()
-        return cls(load_csv_results(folder) if published else load_results(folder), plan)
+        """Read a results folder, and nothing of what is published."""
+        return cls(local_rows(folder), plan)
 
     def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
         """How many episodes are stored."""

@@ -188,7 +188,6 @@ class Study:
         title: of its page.
         tables, claims, figures: see there.
         more: episodes that figures need beyond those of the tables.
-        recorded: episodes to keep whole, for figures.
         source: whose the tables' reference values are, e.g. ``the paper``.
         introduction: what the page begins with, in Markdown.
         reading: what a reader has to know, in Markdown.
@@ -202,7 +201,6 @@ class Study:
     claims: tuple[Claim, ...] = ()
     figures: tuple[Drawing, ...] = ()
     more: tuple[Cell, ...] = ()
-    recorded: tuple[Cell, ...] = ()
     source: str = "the reference"
     introduction: str = ""
     reading: str = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.study.claims import check_claims, check_orders
@@ -16,6 +16,9 @@ from crowdbench.study.page import write_page
 from crowdbench.study.sessions import load_sessions
 from crowdbench.study.tables import Filled, fill_all
 from crowdbench.study.verdicts import claims_csv, differences_csv, orders_csv, weights_csv
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Written(NamedTuple):
@@ -32,18 +35,22 @@ class Written(NamedTuple):
     figures: Mapping[str, bool]
 
 
-def write_study(study: Study, source: Path, target: Path) -> Written:
+def write_study(
+    study: Study, source: Path, target: Path, rows: pd.DataFrame | None = None
+) -> Written:
     """Write tables, verdicts, figures and README.md; the same episodes give the same bytes.
 
     Args:
         study: what to write.
-        source: results folder with the episodes.
+        source: folder with the curves of trainings and the accounts of runs.
         target: folder to write to.
+        rows: the episodes, as ``published_and_local`` gives them; by default those of ``source``.
 
     Raises:
         ResultsError: episodes that cannot be read or a folder that cannot be written to.
     """
-    measured = Measurements.load(source, study.cells())
+    plan = study.cells()
+    measured = Measurements.load(source, plan) if rows is None else Measurements(rows, plan)
     tables = fill_all(study, measured)
     findings = check_claims(measured, study.claims)
     orders = check_orders(tables, measured)

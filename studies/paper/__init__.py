@@ -6,7 +6,7 @@ Its Tables I to VII, its figures and what its text claims, on our scenarios.
 from crowdbench_studies.paper.claims import CLAIMS
 from crowdbench_studies.paper.figures import DRAWINGS
 from crowdbench_studies.paper.page import INTRODUCTION, READING
-from crowdbench_studies.paper.plan import MORE, STORY, TABLES
+from crowdbench_studies.paper.plan import MORE, TABLES
 
 from crowdbench.study import Study
 
@@ -17,7 +17,6 @@ STUDY = Study(
     claims=CLAIMS,
     figures=DRAWINGS,
     more=MORE,
-    recorded=(STORY,),
     source="the paper",
     introduction=INTRODUCTION,
     reading=READING,

@@ -35,7 +35,7 @@ DRAWINGS = (
         "One run of the planner (H=6, E=1) among pedestrians, simulated, at four moments around "
         "its nearest encounter. Of the first ten runs in multimodal_fast it is the successful one "
         "that came nearest to a pedestrian.",
-        lambda measured, folder: scenes.snapshots(folder),
+        lambda measured, folder: scenes.snapshots(measured),
     ),
     Drawing(
         "figure_reactivity",

@@ -1,7 +1,7 @@
 """What the page of the paper's study says besides its numbers."""
 
 INTRODUCTION = """\
-Made by `python paper_tables.py` from the episodes in [episodes](episodes); changes by hand are
+Made by `python paper_tables.py` from the episodes in [record](record); changes by hand are
 lost at the next run. `python paper_tables.py --run` runs what is missing first.
 """
 

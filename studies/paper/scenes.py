@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from crowdbench_studies.paper.plan import STORY
 from matplotlib.axes import Axes
@@ -11,14 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
-from crowdbench.evaluation.csv_results import csv_driven
-from crowdbench.evaluation.driven import simulate
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.stored import find_cells, load_episodes, replayable_seeds
+from crowdbench.evaluation.recordings import find_recordings
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation.canvas import View
 from crowdbench.simulation.env import CrowdEnv
+from crowdbench.study.measurements import Measurements
 from crowdbench.study.style import WIDTH
 
 ROBOT, PERSON, OBSTACLE = "#D55E00", "#0072B2", "0.55"
@@ -43,16 +40,16 @@ def scene() -> Figure:
     return figure
 
 
-def snapshots(folder: Path) -> Figure | None:
+def snapshots(measured: Measurements) -> Figure | None:
     """Figure 6: one run among people at four moments.
 
     Shown is, of the first stored runs of the plan's agent that arrived, the one that came nearest
     to a person; its moments are evenly spread around that encounter.
 
     Args:
-        folder: the results folder.
+        measured: the stored episodes.
     """
-    found = [episode for episode in _stories(folder) if episode.outcome == "success"]
+    found = [episode for episode in _stories(measured) if episode.outcome == "success"]
     if not found:
         return None
     episode = min(found, key=METRICS["min_clearance"].function)
@@ -98,23 +95,16 @@ def _picture(scenario: Scenario, seed: int) -> np.ndarray:
     return picture[top : top + up, left : left + across]
 
 
-def _stories(folder: Path) -> list[Episode]:
-    """The stored runs from which Figure 6 is chosen."""
-    name, agent, episodes = STORY
-    scenario = load_scenario(name)
-    if (folder / "episodes").is_dir():
-        return [
-            episode
-            for seed, driven in csv_driven(folder, name, agent).items()
-            if seed < episodes
-            for episode in simulate(scenario, seed, driven, label=agent)
-        ]
+def _stories(measured: Measurements) -> list[Episode]:
+    """The runs from which Figure 6 is chosen, simulated again."""
+    scenario, agent, number = STORY
+    rows = measured.episodes
+    chosen = (rows["scenario"] == scenario) & (rows["agent"] == agent) & (rows["seed"] < number)
     return [
         episode
-        for cell in find_cells(folder, name, agent)
-        for seed in replayable_seeds(folder, cell)
-        if seed < episodes
-        for episode in load_episodes(folder, cell, scenario, seed) or []
+        for recording in find_recordings(rows[chosen])
+        for seed in recording.seeds
+        for episode in recording.episodes(seed)
     ]
 
 

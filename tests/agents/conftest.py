@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import shapely
+import torch
+from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 
 import crowdbench
@@ -93,3 +95,25 @@ def in_empty_folder(tmp_path, monkeypatch):
     for name in set(TRAINING_SCENARIOS) - {"corridor_sparse", "unimodal_slow"}:
         monkeypatch.delitem(TRAINING_SCENARIOS, name)
     return tmp_path
+
+
+@pytest.fixture(params=[True, False], ids=["with bfloat16", "without bfloat16"])
+def instructions(request, monkeypatch):
+    """Whether the CPU is made to have instructions for bfloat16."""
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: request.param)
+    monkeypatch.setattr(precision, "_onednn_uses_bfloat16", lambda: True)
+    return request.param
+
+
+@pytest.fixture
+def arithmetic():
+    """Tells the type of what an encoder's first convolution returns while something is done."""
+
+    def watch(encoder, do):
+        seen = []
+        layer = encoder.f_map[0]
+        with layer.register_forward_hook(lambda *call: seen.append(call[-1].dtype)):
+            do()
+        return set(seen)
+
+    return watch

@@ -31,7 +31,8 @@ def local(tmp_path):
 
 
 def seen(rows):
-    return [tuple(row) for row in rows[["agent", "seed", "spl", "source"]].itertuples(index=False)]
+    named = rows.assign(source=rows["source"].map(lambda text: text.rpartition("/")[2]))
+    return [tuple(row) for row in named[["agent", "seed", "spl", "source"]].itertuples(index=False)]
 
 
 def test_published_rows_come_first_and_local_ones_fill_the_gaps(publish, local):

@@ -93,6 +93,23 @@ def planner(tmp_path):
     return spec
 
 
+def test_what_agents_warn_of_in_their_processes_is_told_once_in_a_run(tmp_path):
+    path = tmp_path / "warner.py"
+    path.write_text(
+        "import warnings, crowdbench\n"
+        "class Warner(crowdbench.Agent):\n"
+        "    def __init__(self, of='the robot'): self.of = of\n"
+        "    def reset(self, robot, seed): warnings.warn(f'mind\\n{self.of}')\n"
+        "    def act(self, observation): return 0.5, 0.0\n"
+    )
+    names = [f"{path}:Warner", f"{path}:Warner:of=people"]
+    tasks = [Task(TINY, AgentSpec.parse(name), range(4)) for name in names]
+    with pytest.warns(UserWarning, match="mind") as caught:
+        run(tasks, tmp_path / "results", jobs=2)
+    told = sorted(str(item.message) for item in caught if item.category is UserWarning)
+    assert told == [f"agent {names[0]!r}: mind the robot", f"agent {names[1]!r}: mind people"]
+
+
 def test_the_same_rows_come_out_alone_and_in_parallel(tmp_path, planner):
     tasks = [Task(TINY, planner(), range(4)), Task(TINY, AgentSpec("straight_line", {}), range(3))]
     alone, parallel = tmp_path / "alone", tmp_path / "parallel"

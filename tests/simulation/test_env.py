@@ -236,6 +236,23 @@ def test_steered_pedestrians_obey_and_the_others_walk_by_themselves():
         env.step({"robot_0": (0, 0), "pedestrian_1": (np.nan, 0)})
 
 
+def test_pedestrians_observe_zeros_for_a_robot_that_has_left():
+    env = parallel_env(SMALL, robots={"count": 2}, pedestrians={"control": "agents"})
+    for seed in range(20):
+        env.reset(seed=seed)
+        while set(env.agents) >= {"robot_0", "robot_1"}:
+            seen, *_ = env.step({"robot_0": (1.0, 0.2), "robot_1": (0.0, 0.0)})
+        if "robot_1" in env.agents:
+            break
+    assert "robot_1" in env.agents
+    state = env.state()
+    for p in range(6):
+        robots = seen[f"pedestrian_{p}"]["robots"]
+        assert (robots[0] == 0.0).all()
+        offset = state["robot_pose"][1, :2] - state["pedestrian_position"][p]
+        np.testing.assert_allclose(robots[1, :2], offset, rtol=1e-5)
+
+
 def test_a_steered_pedestrian_is_rewarded_for_its_way_and_not_fined_for_a_new_goal():
     steered = SMALL.override({"pedestrians.control": "agents", "time_limit": 20})
     env = CrowdEnv(steered)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from crowdbench.scenario import Scenario
+from crowdbench.simulation import window as windows
+from crowdbench.simulation.env import CrowdEnv
 from crowdbench.simulation.rendering import NONREACTIVE, REACTIVE, ROBOTS, Renderer
 
 OPEN = Scenario(name="open", arena={"length": 10, "width": 10})
@@ -50,6 +52,11 @@ def pixel(picture, x, y):
     """The colour at a world position of the 10 x 10 m arena."""
     row, column = round(350 - PIXELS_PER_METRE * y), round(350 + PIXELS_PER_METRE * x)
     return tuple(int(value) for value in picture[row, column])
+
+
+def shown():
+    """The windows that are open, oldest first."""
+    return [item._window for item in windows._open]
 
 
 def near(color, other, tolerance=3):
@@ -175,15 +182,58 @@ def test_drawing_a_state_twice_changes_nothing():
         np.testing.assert_array_equal(first, second)
 
 
-def test_closing_the_window_stops_the_drawing_and_not_the_episode(monkeypatch):
+@pytest.fixture
+def screen(monkeypatch):
+    """A screen that nobody sees."""
     pygame = pytest.importorskip("pygame")
     monkeypatch.setitem(os.environ, "SDL_VIDEODRIVER", "dummy")
-    renderer = Renderer(OPEN.override({"control_period": 0.01}), "human")
+    yield pygame
+    assert not pygame.display.get_init(), "the test closes its windows"
+
+
+QUICK = OPEN.override({"control_period": 0.01})
+
+
+def test_closing_the_window_stops_the_drawing_and_not_the_episode(screen):
+    renderer = Renderer(QUICK, "human")
     assert renderer.draw(make_state(), {}) is None
-    assert pygame.display.get_surface().get_size() == (700, 700)
-    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    (window,) = shown()
+    assert window.size == (700, 700)
+    screen.event.post(screen.event.Event(screen.QUIT))
     assert renderer.draw(make_state(time=0.01), {}) is None
-    assert not pygame.display.get_init()
+    assert not screen.display.get_init()
     assert renderer.draw(make_state(time=0.02), {}) is None
-    assert not pygame.display.get_init()
+    assert not screen.display.get_init()
     renderer.close()
+
+
+def test_closing_one_window_leaves_the_others(screen):
+    first, second, third = (Renderer(QUICK, "human") for _ in range(3))
+    for renderer in (first, second, third):
+        renderer.draw(make_state(), {})
+    assert len(shown()) == 3
+    first.close()
+    for renderer in (second, third):
+        assert renderer.draw(make_state(time=0.01), {}) is None
+    window = shown()[0]
+    screen.event.post(screen.event.Event(screen.WINDOWCLOSE, window=window))
+    third.draw(make_state(time=0.02), {})
+    assert len(shown()) == 1
+    assert shown()[0] is not window
+    second.draw(make_state(time=0.02), {})
+    assert len(shown()) == 1
+    third.close()
+
+
+def test_changing_an_observation_leaves_the_picture_alone():
+    kept, changed = (CrowdEnv(Scenario(name="s"), "rgb_array") for _ in range(2))
+    kept.reset(seed=0)
+    changed.reset(seed=0)[0]["robot_0"]["lidar"][:] /= 6.0
+    np.testing.assert_array_equal(changed.render(), kept.render())
+
+
+@pytest.mark.parametrize(("period", "fps"), [(0.2, 5), (0.1, 10), (2.0, 0.5), (0.3, 1 / 0.3)])
+def test_the_frame_rate_is_that_of_the_simulation(period, fps):
+    env = CrowdEnv(Scenario(name="s", control_period=period))
+    assert env.metadata["render_fps"] == pytest.approx(fps)
+    assert isinstance(env.metadata["render_fps"], type(fps))

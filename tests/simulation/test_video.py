@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crowdbench.simulation.video import write_video
+from crowdbench.simulation.video import CompressedFrames, write_video
 
 
 def frames(count=5, height=64, width=96):
@@ -29,6 +29,31 @@ def test_a_gif_has_every_frame_and_its_pace(tmp_path):
             image.seek(index)
             assert image.info["duration"] == 200
             assert square(np.asarray(image.convert("RGB"))) == pytest.approx(12 * index + 7.5)
+
+
+def test_a_gif_shows_what_it_was_given_within_its_palette(tmp_path):
+    """Few colours are kept exactly, wherever they change, and where nothing does."""
+    rng = np.random.default_rng(0)
+    colors = rng.integers(0, 256, (10, 3), dtype=np.uint8)
+    given = [colors[rng.integers(0, 10, (40, 50))]]
+    for _ in range(6):
+        given.append(given[-1].copy())
+        given[-1][rng.integers(0, 20) : 30, rng.integers(0, 30) : 40] = colors[rng.integers(0, 10)]
+    given.append(given[-1].copy())
+    path = write_video(iter(given), tmp_path / "video.gif", fps=10)
+    with Image.open(path) as image:
+        assert image.n_frames == len(given)
+        for index, frame in enumerate(given):
+            image.seek(index)
+            np.testing.assert_array_equal(np.asarray(image.convert("RGB")), frame)
+
+
+def test_compressed_frames_are_the_frames():
+    kept = CompressedFrames(frames())
+    kept.append(next(frames()))
+    assert len(kept) == 6
+    for one, other in zip(kept, [*frames(), next(frames())], strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(("height", "width"), [(64, 96), (63, 95)])

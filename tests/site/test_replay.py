@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from crowdbench.evaluation.database import FILE, ResultsError
-from crowdbench.evaluation.stored import defined_scenario, find_cells
+from crowdbench.evaluation.joined import local_rows
+from crowdbench.evaluation.recordings import find_recordings
+from crowdbench.evaluation.stored import defined_scenario
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.site import replay
 from crowdbench.site.replay import (
     encode,
-    find_recording,
     script_json,
     write_replays,
 )
@@ -40,11 +41,8 @@ def read(path):
 
 def recording_of(whole):
     """What can be seen of the one cell that is there."""
-    (cell,) = find_cells(whole.folder)
-    return find_recording(whole.folder, cell)
-
-
-NOBODY = np.empty(0, dtype=bool)
+    found = find_recordings(local_rows(whole.folder))
+    return found[0] if found else None
 
 
 @pytest.fixture(scope="module")
@@ -55,23 +53,24 @@ def episode():
 
 
 def test_positions_are_the_logs(episode):
-    stored = encode(episode, NOBODY)
+    stored = encode(episode)
     states, people = episode.pedestrian_position.shape[:2]
     for name, array in (
         ("pose", episode.robot_pose),
-        ("actions", episode.actions),
         ("position", episode.pedestrian_position),
         ("velocity", episode.pedestrian_velocity),
     ):
         np.testing.assert_array_equal(
             unpacked(stored[name], *array.shape), array.astype(np.float32), err_msg=name
         )
+    motion = unpacked(stored["motion"], *episode.actions.shape)
+    np.testing.assert_allclose(motion, episode.actions, atol=1e-6)  # of a differential drive
     assert (stored["people"], stored["steps"]) == (people, states - 1)
     np.testing.assert_allclose(stored["goal"], episode.goal, atol=1e-6)
 
 
 def test_goals_and_legs_are_the_logs_at_every_state(episode):
-    stored = encode(episode, NOBODY)
+    stored = encode(episode)
     for person, (goals, legs) in enumerate(zip(stored["goals"], stored["legs"], strict=True)):
         for state in range(episode.steps + 1):
             goal = [row for row in goals if row[0] <= state][-1][1:]
@@ -85,7 +84,7 @@ def test_goals_and_legs_are_the_logs_at_every_state(episode):
 def test_numbers_that_json_lacks_become_null(episode):
     switch = np.full_like(episode.pedestrian_switch_time, np.inf)
     document = json.loads(script_json(encode(dataclasses.replace(
-        episode, pedestrian_switch_time=switch), NOBODY)))  # fmt: skip
+        episode, pedestrian_switch_time=switch))))  # fmt: skip
     assert document["legs"][0][0][2] is None
 
 
@@ -123,7 +122,7 @@ def test_files_stay_below_the_limit_and_lists_say_where_episodes_are(whole, tmp_
     for seed in range(900000, 900006):
         whole.run(world, "straight_line", seed)
     recording = recording_of(whole)
-    size = len(script_json(encode(next(iter(whole.episodes.values())), np.ones(8, dtype=bool))))
+    size = len(script_json(encode(next(iter(whole.episodes.values())))))
     monkeypatch.setattr(replay, "LARGEST_FILE", int(2.5 * size))
     files, listed = write_replays(recording, tmp_path)
     assert len(files) == 3 and len(set(files)) == 3
@@ -154,7 +153,6 @@ def test_of_an_episode_that_was_run_again_the_latest_counts(whole):
         if weights == "old":
             older = recording
     assert not np.array_equal(older.episodes(900000)[0].robot_pose, drives.robot_pose)
-    assert find_recording(whole.folder, dataclasses.replace(older.cell, code="another")) is None
 
 
 @pytest.mark.parametrize(

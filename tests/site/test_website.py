@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.metrics import METRICS
+from crowdbench.evaluation.recordings import find_recordings
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.statistics import wilson_interval
-from crowdbench.evaluation.stored import find_cells
 from crowdbench.scenario import load_scenario
 from crowdbench.site.leaderboard import family
-from crowdbench.site.replay import find_recording
 from crowdbench.site.website import (
     SiteFigure,
     SiteTable,
@@ -35,7 +35,7 @@ def index(output):
 def test_the_leaderboard_says_what_the_rows_say(episodes, tmp_path):
     episodes.add("orca", success=[1, 0, 1, 1], spl=[0.9, 0, 0.8, float("nan")])
     episodes.add("straight_line", "corridor_dense", success=[0, 0], spl=[0, 0])
-    site = write_report_page(episodes.folder, tmp_path / "site")
+    site = write_report_page(local_rows(episodes.folder), tmp_path / "site")
     assert (site.cells, site.episodes, site.replays) == (2, 6, 0)
     document = index(tmp_path / "site")
     names = [metric["name"] for metric in document["metrics"]]
@@ -72,7 +72,7 @@ def test_a_cell_without_a_seed_in_between_is_incomplete(episodes, tmp_path):
 def test_robots_of_one_episode_are_one_observation(episodes, tmp_path):
     episodes.add("orca", success=[1, 1], robot="robot_0")
     episodes.add("orca", success=[0, 1], robot="robot_1")
-    write_report_page(episodes.folder, tmp_path / "site")
+    write_report_page(local_rows(episodes.folder), tmp_path / "site")
     (cell,) = index(tmp_path / "site")["cells"]
     assert cell["episodes"] == 2
     mean, *_, n = cell["estimates"][list(METRICS).index("success")]
@@ -86,7 +86,7 @@ def test_tables_and_figures_are_those_that_are_given(episodes, tmp_path):
         path.write_bytes(path.suffix.encode())
     table = SiteTable("Table 1: Speed", "| Method | Success |\n| --- | ---: |\n| <b>A</b> | 1 |\n")
     figure = SiteFigure("Figure 1", "What it shows.", *files)
-    write_report_page(episodes.folder, tmp_path / "site", [table], [figure])
+    write_report_page(local_rows(episodes.folder), tmp_path / "site", [table], [figure])
     document = index(tmp_path / "site")
     (shown,) = document["tables"]
     assert shown["title"] == "Table 1: Speed"
@@ -101,7 +101,7 @@ def test_tables_and_figures_are_those_that_are_given(episodes, tmp_path):
 def test_a_scenario_that_has_changed_since_is_kept_apart(episodes, tmp_path):
     episodes.add("orca", success=[1])
     episodes.add("sac", success=[1], fixed={"scenario_digest": "0123456789ab"})
-    write_report_page(episodes.folder, tmp_path / "site")
+    write_report_page(local_rows(episodes.folder), tmp_path / "site")
     found = {scenario["label"]: scenario for scenario in index(tmp_path / "site")["scenarios"]}
     assert set(found) == {"unimodal_slow", "unimodal_slow@0123456789ab"}
     assert found["unimodal_slow@0123456789ab"]["family"] == "unknown"
@@ -124,7 +124,7 @@ def test_the_same_results_give_the_same_bytes(whole, tmp_path):
     whole.run(SHORT, "straight_line", 900000)
     contents = []
     for name in ("a", "b"):
-        write_report_page(whole.folder, tmp_path / name)
+        write_report_page(local_rows(whole.folder), tmp_path / name)
         files = sorted(path for path in (tmp_path / name).rglob("*") if path.is_file())
         contents.append({str(p.relative_to(tmp_path / name)): p.read_bytes() for p in files})
     assert contents[0] == contents[1]
@@ -133,26 +133,21 @@ def test_the_same_results_give_the_same_bytes(whole, tmp_path):
 def test_an_older_page_is_replaced_and_nothing_else(whole, tmp_path):
     whole.run(SHORT, "straight_line", 900000)
     output = tmp_path / "site"
-    write_report_page(whole.folder, output)
+    write_report_page(local_rows(whole.folder), output)
     stale = output / "data" / "stale.js"
     stale.write_text("")
-    write_report_page(whole.folder, output)
+    write_report_page(local_rows(whole.folder), output)
     assert not stale.exists()
     other = tmp_path / "thesis"
     (other / "data").mkdir(parents=True)
     (other / "data" / "chapter").write_text("years of work")
     with pytest.raises(ResultsError, match="thesis: holds other files than a report page"):
-        write_report_page(whole.folder, other)
+        write_report_page(local_rows(whole.folder), other)
     assert (other / "data" / "chapter").read_text() == "years of work"
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     with pytest.raises(ResultsError, match="file: the page cannot be written"):
-        write_report_page(whole.folder, in_the_way)
-
-
-def test_a_folder_without_episodes_is_said_to_be_one(tmp_path):
-    with pytest.raises(ResultsError, match="no episodes are stored here"):
-        write_report_page(tmp_path, tmp_path / "site")
+        write_report_page(local_rows(whole.folder), in_the_way)
 
 
 def test_only_replays_of_the_rows_are_offered(whole, tmp_path):
@@ -160,7 +155,7 @@ def test_only_replays_of_the_rows_are_offered(whole, tmp_path):
     for weights in ("old", "new"):
         whole.run(SHORT, "straight_line", 900000, weights=weights)
     (tmp_path / "keep").mkdir()
-    write_report_page(whole.folder, tmp_path / "site")
+    write_report_page(local_rows(whole.folder), tmp_path / "site")
     (cell,) = index(tmp_path / "site")["cells"]
     assert cell["weights"] == "new"
     assert [replay["seed"] for replay in cell["replays"]] == [900000]
@@ -170,9 +165,7 @@ def test_only_replays_of_the_rows_are_offered(whole, tmp_path):
 
 def test_a_page_of_replays_begins_with_the_first(whole, tmp_path):
     whole.run(SHORT, "straight_line", 900001)
-    (cell,) = find_cells(whole.folder)
-    recording = find_recording(whole.folder, cell)
-    write_replay_page([recording], tmp_path / "site")
+    write_replay_page(find_recordings(local_rows(whole.folder)), tmp_path / "site")
     document = index(tmp_path / "site")
     (cell,) = document["cells"]
     assert document["start"] == replay_link(cell["scenario"], "straight_line", 900001)

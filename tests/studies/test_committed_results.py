@@ -9,8 +9,8 @@ import pytest
 from crowdbench_studies.paper import STUDY
 
 from crowdbench.agent import Agent, AgentSpec
-from crowdbench.evaluation.csv_results import load_csv_results
 from crowdbench.evaluation.metrics import METRICS, metrics
+from crowdbench.evaluation.record import load_record
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import load_scenario
 from crowdbench.study.measurements import Measurements
@@ -25,14 +25,13 @@ DETERMINISTIC = [name for name in METRICS if name != "inference_s"]
 
 @pytest.fixture(scope="module")
 def stored():
-    rows = load_csv_results(RESULTS)
-    if rows.empty:
-        pytest.skip("results/episodes has no rows yet")
-    return rows
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("crowdbench.evaluation.record.record_folder", lambda: RESULTS / "record")
+        yield load_record()
 
 
 def test_the_tables_are_those_that_the_episodes_give(stored, tmp_path):
-    write_study(STUDY, RESULTS, tmp_path)
+    write_study(STUDY, RESULTS, tmp_path, stored)
     made = [*sorted((tmp_path / "tables").iterdir()), tmp_path / "README.md"]
     assert len(made) > 1
     for path in made:

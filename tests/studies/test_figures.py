@@ -158,8 +158,8 @@ def test_the_loss_is_reactive_less_non_reactive(episodes):
     assert [label.get_text() for label in axis.get_yticklabels()] == ["ORCA"]
 
 
-def test_the_snapshots_end_where_the_run_ends_or_before(folder):
-    (episode,) = scenes._stories(folder)
+def test_the_snapshots_end_where_the_run_ends_or_before(measured):
+    (episode,) = scenes._stories(measured)
     steps = scenes._moments(episode)
     assert len(steps) == 4
     assert list(steps) == sorted(set(steps))

@@ -4,6 +4,7 @@ from collections import Counter
 
 import pytest
 from crowdbench_studies.paper import STUDY
+from stored_episodes import Episodes
 
 from crowdbench.evaluation.results import load_results
 from crowdbench.study import execution
@@ -109,3 +110,23 @@ def test_what_is_missing_is_run_once(tmp_path):
     rows = load_results(tmp_path)
     assert Counter(rows["scenario"]) == {"unimodal_slow": 2, "corridor_sparse": 1}
     assert sum(session.episodes for session in load_sessions(tmp_path, "mine")) == 3
+
+
+def test_what_is_published_is_not_run_again(tmp_path):
+    """Unless it is of other weights."""
+    record = Episodes(tmp_path / "theirs")
+    record.add("straight_line", spl=[0.5, 0.5])
+    outlook = Outlook({"straight_line": ""}, {})
+    study = Study("mine", "Mine", (), more=(Cell("unimodal_slow", "straight_line", 3),))
+    told = []
+
+    def progress(done, total, forecast):
+        told.append((done, total))
+
+    published = load_results(record.folder)
+    run_missing(tmp_path / "mine", study, outlook, 1, progress, published)
+    assert (told[0], told[-1]) == ((2, 3), (3, 3))
+    assert list(load_results(tmp_path / "mine")["seed"]) == [2]
+    published["weights_sha256"] = "others"
+    run_missing(tmp_path / "mine", study, outlook, 1, progress, published)
+    assert list(load_results(tmp_path / "mine")["seed"]) == [0, 1, 2]

@@ -68,7 +68,7 @@ def complaint(capsys, *arguments):
     assert main(["tables", *arguments]) == 2
     text = capsys.readouterr().err
     assert text.count("\n") == 1
-    assert load_results("results").empty
+    assert load_results("crowdbench-results").empty
     return text.strip()
 
 
@@ -77,7 +77,7 @@ def test_a_file_is_enough(place, capsys):
     printed = capsys.readouterr().out
     assert "Table 1: Who gets ahead" in printed
     assert "4 of 4 planned episodes" in printed
-    folder = place / "results" / "studies" / "ahead"
+    folder = place / "crowdbench-results" / "studies" / "ahead"
     names = {path.name for path in (folder / "tables").iterdir()}
     assert names == {"table_1.csv", "table_1.md", "table_1.tex", "claims.csv"}
     rows = list(csv.DictReader((folder / "tables" / "table_1.csv").open()))
@@ -96,9 +96,9 @@ def test_a_file_is_enough(place, capsys):
     assert "| Method | path length [m] ↓ | Success ↑ |" in page
     for name in re.findall(r"\]\(([^)]+)\)", page):
         assert (folder / name).is_file(), name
-    rows = load_results(place / "results")
+    rows = load_results(place / "crowdbench-results")
     assert main(["tables", "my_study.py", "--run", "--jobs", "1"]) == 0
-    assert load_results(place / "results").equals(rows), "nothing was left to run"
+    assert load_results(place / "crowdbench-results").equals(rows), "nothing was left to run"
 
 
 def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
@@ -108,7 +108,7 @@ def test_reference_values_of_one_s_own_are_shown_and_judged(place, capsys):
     study = study.replace('name="ahead",', 'name="ahead",\n    source="the thesis",')
     (place / "my_study.py").write_text(study)
     assert main(["tables", "my_study.py", "--run", "--jobs", "1"]) == 0
-    folder = place / "results" / "studies" / "ahead"
+    folder = place / "crowdbench-results" / "studies" / "ahead"
     page = (folder / "README.md").read_text()
     assert "## Where we differ from the thesis" in page
     assert "(the thesis's value)" in page and "(0.250)" in page
@@ -191,7 +191,7 @@ def test_a_package_adds_a_study_by_an_entry_point(place, monkeypatch, capsys):
     monkeypatch.setattr(library, "STUDIES", fresh)
     assert main(["tables", "ahead"]) == 0
     capsys.readouterr()
-    assert (place / "results" / "studies" / "ahead" / "README.md").is_file()
+    assert (place / "crowdbench-results" / "studies" / "ahead" / "README.md").is_file()
     assert "is not a crowdbench.study.model.Study" in complaint(capsys, "table")
 
 

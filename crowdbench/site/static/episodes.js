@@ -52,7 +52,7 @@
 
   function decode(stored, cell) {
     const episode = { ...stored, scenario: cell.scenario, agent: cell.agent };
-    for (const name of ["pose", "actions", "others", "position", "velocity"]) {
+    for (const name of ["pose", "motion", "others", "position", "velocity"]) {
       episode[name] = floats(stored[name]);
     }
     episode.duration = stored.steps * stored.period;
@@ -99,7 +99,7 @@
         goal: holding(episode.goals[p], state).slice(1),
         intent: episode.intents[intent],
         switchTime,
-        sees: episode.reactive === null ? null : episode.reactive[p],
+        sees: episode.reactive[p],
       });
     }
     const others = [];
@@ -107,12 +107,12 @@
       const pose = poseAt(episode.others, episode.otherCount, r);
       if (pose.every(Number.isFinite)) others.push(pose);
     }
-    const action = Math.min(state, episode.steps - 1);
+    const step = Math.min(state, episode.steps - 1);
     return {
       time: (state + share) * episode.period,
       state,
       robot: poseAt(episode.pose, 1, 0),
-      action: action < 0 ? [0, 0] : Array.from(episode.actions.slice(2 * action, 2 * action + 2)),
+      motion: step < 0 ? [0, 0] : Array.from(episode.motion.slice(2 * step, 2 * step + 2)),
       others,
       people,
     };

@@ -213,7 +213,7 @@
     draw() {
       for (const scene of this.scenes) {
         scene.draw(this.time, shown);
-        const [v, w] = scene.frame.action;
+        const [v, w] = scene.frame.motion;
         scene.status.textContent = `v ${fixed(v)} m/s, w ${fixed(w)} rad/s`;
       }
     }

@@ -73,3 +73,12 @@ def test_learning_rates_fall_between_two_counts_of_updates(tiny, sequences):
         seen.append([group["lr"] for group in groups])
     first, half, last = [1e-3, 2e-3, 2e-3, 2e-3], [5.25e-4] + 3 * [1.05e-3], [5e-5] + 3 * [1e-4]
     np.testing.assert_allclose(seen, [first, first, first, half, last, last])
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_networks_learn_in_bfloat16_where_it_is_asked_for_and_the_cpu_is_fast_at_it(
+    instructions, asked, arithmetic, tiny, sequences
+):
+    learner = Learner(tiny(**{"training.bfloat16": asked}), seed=0)
+    found = arithmetic(learner.model.encoder, lambda: learner.update(sequences(3, 4)))
+    assert found == {torch.bfloat16 if asked and instructions else torch.float32}

@@ -7,9 +7,10 @@ import signal
 import numpy as np
 import pytest
 import torch
+from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.config import load_config
-from crowdbench_agents.sac.networks import load_actor
+from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import BATCH, SacRun, train
 from stable_baselines3 import SAC
 
@@ -89,7 +90,7 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder):
     updates = [int(line.split(",")[2]) for line in lines[1:]]
     assert steps == [0, 100, 160]
     assert updates[2] > updates[1] > updates[0] == TINY["training.pretraining"]
-    _, config = load_actor(folder / "last.safetensors")
+    _, config, _ = load_actor(folder / "last.safetensors")
     assert config.model.latent == 32
 
 
@@ -107,6 +108,24 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     monkeypatch.setattr(SAC, "train", interrupted)
     changes = TINY | {"training.pretraining": pretraining}
     folder = train("short", steps=10_000, overrides=changes)
-    counters = json.loads(load_checkpoint(folder)["counters"])
+    counters = json.loads(load_checkpoint(folder, FORMAT)["counters"])
     assert counters["updates"] == 1
     assert counters["steps"] < 100
+
+
+def test_networks_learn_in_bfloat16_where_the_cpu_is_fast_at_it(
+    in_empty_folder, instructions, arithmetic
+):
+    config = load_config().override(TINY | {"training.bfloat16": True})
+    run = SacRun(in_empty_folder / "run", config, seed=0, social=True)
+    encoder = run.model.policy.actor.features_extractor.encoder
+    assert arithmetic(encoder, run.update) == {torch.bfloat16 if instructions else torch.float32}
+    assert run.facts["arithmetic"].startswith("bfloat16" if instructions else "float32 (this CPU")
+
+
+def test_a_run_says_its_arithmetic_and_goes_on_in_another(in_empty_folder, monkeypatch, capsys):
+    changes = TINY | {"training.bfloat16": True}
+    for steps, instructions, said in ((20, True, "bfloat16"), (40, False, "float32 (this CPU")):
+        monkeypatch.setattr(precision, "cpu_has_bfloat16", lambda has=instructions: has)
+        train("moved", steps=steps, resume=steps > 20, overrides=changes)
+        assert f"networks learn in {said}" in " ".join(capsys.readouterr().out.split())

@@ -8,6 +8,7 @@ import tempfile
 import pytest
 from matplotlib.figure import Figure
 
+from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.results import scenario_label
 from crowdbench.scenario import load_scenario
 from crowdbench.site.website import SiteFigure, SiteTable, write_report_page
@@ -48,7 +49,8 @@ def site(stored, tmp_path_factory):
         Figure(figsize=(2, 1)).savefig(folder / f"curve.{ending}")
     table = SiteTable("Table 1", "| Method | Success |\n| --- | ---: |\n| A | 0.9 [0.8, 1.0] |\n")
     figure = SiteFigure("Figure 1", "A curve.", folder / "curve.png", folder / "curve.pdf")
-    written = write_report_page(stored.folder, folder / "site", [table], [figure])
+    rows = local_rows(stored.folder)
+    written = write_report_page(rows, folder / "site", [table], [figure])
     return written.page.as_uri()
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from crowdbench.agent import Agent, lidar_angles
 from crowdbench.evaluation.events import find_events
+from crowdbench.evaluation.joined import local_rows
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
 from crowdbench.site.website import replay_link, write_report_page
@@ -317,7 +318,7 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
     for number, text in enumerate(HOSTILE):
         whole.run(short, [Fails(f"{text}{number}")], 900000, label=text)
         whole.run(short, "straight_line", 900000, name=text)
-    site = write_report_page(whole.folder, tmp_path / "site").page.as_uri()
+    site = write_report_page(local_rows(whole.folder), tmp_path / "site").page.as_uri()
     page.goto(site)
     shown = page.locator("tbody th").all_text_contents()
     headings = page.locator("h2").all_text_contents()
@@ -340,7 +341,7 @@ def test_names_and_messages_from_outside_stay_text(whole, tmp_path, page):
 def test_a_missing_file_is_reported(browser, stored, tmp_path):
     """Somebody copied the page without its data; the browser's own complaint is expected here."""
     output = tmp_path / "site"
-    write_report_page(stored.folder, output)
+    write_report_page(local_rows(stored.folder), output)
     shutil.rmtree(output / "data" / "replays")
     tab = browser.new_page()
     tab.goto((output / "index.html").as_uri() + replay_link(CORRIDOR, "orca", 900000))
