@@ -29,7 +29,7 @@ class Driven:
     Attributes:
         robot: name of the robot in the environment.
         commands: (T, 2), as in ``Episode.commands``.
-        inference_s: (T,) wall-clock seconds spent in ``act``.
+        inference_s: (T,) wall-clock seconds spent in ``act``, NaN where that was not noted.
         outcome: how it ended.
         error: the agent's message, or None.
         diagnostics: the agent's own counters.
@@ -124,7 +124,7 @@ def simulate(
                 f"{where}, {one.robot}: commands that are not two finite numbers"
             )
         times = one.inference_s
-        if times.shape != (steps,) or not (np.isfinite(times) & (times >= 0)).all():
+        if times.shape != (steps,) or np.isinf(times).any() or (times < 0).any():
             raise ResimulationError(f"{where}, {one.robot}: times are not one for each step")
         if not isinstance(one.processor_share, float) or not one.processor_share >= 0:
             raise ResimulationError(f"{where}, {one.robot}: a processor time that cannot be")

@@ -43,6 +43,18 @@ def test_published_episodes_are_seen_again_as_they_were(whole, record, tmp_path)
     assert_same(run, again)
 
 
+def test_a_published_episode_that_was_not_timed_is_seen_again(whole, record, tmp_path):
+    run = whole.run(SCENARIO, "straight_line", 3)
+    publish([(SCENARIO, "straight_line", 100)], whole.folder, record)
+    rows = load_record().drop(columns="source")
+    rows["inference_s"] = np.nan
+    (cell,) = cells_of(rows).values()
+    write_cell(record, cell, rows, {(3, "robot_0"): run.commands})
+    (recording,) = seen_again(tmp_path / "nothing")
+    (again,) = recording.episodes(3)
+    assert_same(dataclasses.replace(run, inference_s=np.full(run.steps, np.nan)), again)
+
+
 def test_an_episode_without_commands_cannot_be_seen_again(episodes, record):
     episodes.add("orca", SCENARIO, spl=[0.5])
     assert seen_again(episodes.folder) == []
