@@ -148,7 +148,7 @@ def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, consol
         agent.act(seen[0])
 
     warm_up, _ = seconds(start)
-    model, config = load_world_model(weights)
+    model, config, _ = load_world_model(weights)
     planned = config.override({f"planner.{key}": value for key, value in BUDGET.items()})
     full = folder / "full_budget.safetensors"
     save_weights(full, model.state_dict(), planned, {}, FORMAT)
@@ -156,6 +156,8 @@ def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, consol
     views = model.normalise(torch.randn(1, 1, config.model.latent))
     bounds = torch.tensor([0.5, 1.5])
     arguments = views, torch.zeros(1, 2), planned.planner, planned.loss.discount, bounds
+    both = model.normalise(torch.randn(1 + config.planner.reflect, 1, config.model.latent))
+    shipped = both, torch.zeros(1, 2), config.planner, config.loss.discount, bounds
     generator = torch.Generator().manual_seed(0)
     plain, fused = PlainEvaluator(model), {n: FusedEvaluator(model, n) for n in (1, 2)}
 
@@ -168,6 +170,8 @@ def measure(weights: Path, sac_weights: Path, folder: Path, repeats: int, consol
         "plan, plain form": (lambda: plan(plain, *arguments, generator), 1),
         "plan, fused form, 1 thread": (lambda: plan(fused[1], *arguments, generator), 1),
         "plan, fused form, 2 threads": (lambda: plan(fused[2], *arguments, generator), 1),
+        "plan, plain form, as configured": (lambda: plan(plain, *shipped, generator), 1),
+        "plan, fused form, as configured": (lambda: plan(fused[1], *shipped, generator), 1),
         "act, E = 1, 1 thread": (agent(full, threads=1), 1),
         "act, E = 1, 2 threads": (agent(full, threads=2), 1),
         "act, E = 6, per step, 1 thread": (agent(full, threads=1, execute=6), 6),

@@ -84,7 +84,7 @@ def main() -> None:
     arguments = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
-    model, config = load_world_model(arguments.weights)
+    model, config, _ = load_world_model(arguments.weights)
     names = arguments.scenario or HARD
     if names == ["all"]:
         names = crowdbench.scenario_names()

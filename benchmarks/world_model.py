@@ -270,7 +270,7 @@ def main() -> None:
         f"{len(train)} rows in {time.perf_counter() - began:.0f} s, collisions {share:.3f}"
     )
     for path in arguments.weights:
-        model, trained = load_world_model(path)
+        model, trained, _ = load_world_model(path)
         if trained.perception != config.perception or trained.planner.horizon != horizon:
             parser.error(f"{path}: its obstacle map or horizon is not that of the test data")
         areas = [rollout_auc(model, tests)]

@@ -9,6 +9,7 @@ folder for temporary files.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import stat
@@ -54,6 +55,24 @@ def cache_folder() -> Path:
     user = os.getuid() if hasattr(os, "getuid") else "user"
     last = Path(tempfile.gettempdir()) / f"crowdbench-{user}"
     return last if _can_be_used(last) and _is_mine(last) else Path(tempfile.mkdtemp())
+
+
+def was_run(name: str) -> bool:
+    """Whether something has been run with these sources on this machine, and so was compiled."""
+    return _note_of(name).exists()
+
+
+def note_run(name: str) -> None:
+    """Take note of what has been run."""
+    note = _note_of(name)
+    with contextlib.suppress(OSError):  # without a note it is said again, and nothing else
+        note.parent.mkdir(parents=True, exist_ok=True)
+        note.touch()
+
+
+def _note_of(name: str) -> Path:
+    folder = cache_folder() / _state("crowdbench", str(Path(__file__).parent))
+    return folder / f"run-{hashlib.sha256(name.encode('utf-8', 'replace')).hexdigest()[:12]}"
 
 
 def _can_be_used(folder: Path) -> bool:

@@ -400,3 +400,14 @@ def test_a_goal_that_can_be_passed_is_warned_of_in_one_line(tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert lines[0].startswith("warning: scenario 'corridor_sparse': a robot may pass its goal")
+
+
+@pytest.mark.parametrize("name", ["../x", "/tmp/x", "", "x" * 5000, ".."])
+def test_a_run_of_training_stays_in_its_folder(tmp_path, monkeypatch, capsys, name):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert main(["train", "sac", "--name", name, "--steps", "1"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "expected 1 to 100 letters, digits and _.-" in lines[0]
+    assert [path.name for path in tmp_path.rglob("*")] == ["here"]

@@ -4,6 +4,8 @@ import gymnasium
 import numpy as np
 import pettingzoo
 import pytest
+import supersuit
+from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from pettingzoo.test import (
     api_test,
@@ -127,3 +129,59 @@ def test_torchrl_wraps_the_parallel_environment(robots):
     assert rollout["robot", "observation", "lidar"].shape == (30, robots, 180)
     assert rollout["next", "robot", "reward"].shape == (30, robots, 1)
     assert rollout["next", "robot", "reward"].isfinite().all()
+
+
+def flat_and_staying(environment):
+    """As docs/train_with_your_library.md does it."""
+    environment = supersuit.observation_lambda_v0(
+        environment, lambda seen, space: spaces.flatten(space, seen), spaces.flatten_space
+    )
+    return supersuit.black_death_v3(environment)
+
+
+def test_supersuit_flattens_observations_and_keeps_those_who_have_left():
+    arguments = {"time_limit": 12.0, "robots.count": 3}
+    crowd = crowdbench.parallel_env("multimodal_fast", **arguments)
+    wrapped = flat_and_staying(crowdbench.parallel_env("multimodal_fast", **arguments))
+    expected, _ = crowd.reset(seed=1_000_003)
+    seen, _ = wrapped.reset(seed=1_000_003)
+    away = 0
+    while crowd.agents:
+        for agent in crowd.possible_agents:
+            space = crowd.observation_space(agent)
+            flat = spaces.flatten(space, expected[agent]) if agent in expected else np.zeros(187)
+            np.testing.assert_array_equal(seen[agent], flat)
+        speeds = zip(crowd.possible_agents, (1.0, 0.3, 0.0), strict=True)
+        actions = {agent: np.array([speed, 0.0], np.float32) for agent, speed in speeds}
+        expected, rewards, *_ = crowd.step({agent: actions[agent] for agent in crowd.agents})
+        seen, found, *_ = wrapped.step(actions)
+        assert found == dict.fromkeys(crowd.possible_agents, 0.0) | rewards
+        away += len(crowd.possible_agents) - len(crowd.agents)
+    assert away > 3, "some robot leaves before the last one"
+    *_, terminations, truncations, _ = wrapped.step(actions)
+    assert all(terminations.values())
+    assert all(truncations.values())
+    assert not wrapped.agents
+
+
+def test_supersuit_pads_the_observations_of_robots_and_people():
+    environment = supersuit.observation_lambda_v0(
+        crowdbench.parallel_env(**SMALL["people as agents"]),
+        lambda seen, space: spaces.flatten(space, seen),
+        spaces.flatten_space,
+    )
+    padded = supersuit.pad_observations_v0(environment)
+    seen, _ = padded.reset(seed=1_000_000)
+    assert {value.shape for value in seen.values()} == {(187,)}
+
+
+def test_stable_baselines3_trains_through_supersuit():
+    environment = flat_and_staying(
+        crowdbench.parallel_env("multimodal_fast", time_limit=6.0, **{"robots.count": 3})
+    )
+    vector = supersuit.pettingzoo_env_to_vec_env_v1(environment)
+    both = supersuit.concat_vec_envs_v1(vector, 2, num_cpus=1, base_class="stable_baselines3")
+    assert both.num_envs == 6
+    model = PPO("MlpPolicy", both, n_steps=64, batch_size=64, n_epochs=1, device="cpu")
+    model.learn(total_timesteps=600)
+    assert np.isfinite(model.policy.parameters_to_vector()).all()

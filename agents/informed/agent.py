@@ -12,12 +12,10 @@ new goal on arrival.
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
 from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, lines, search
-from pydantic import Field
 
 import crowdbench
 from crowdbench import orca_velocities
@@ -36,10 +34,6 @@ class Informed(crowdbench.Agent):
 
     privileged = True
     drives = ("differential", "omnidirectional")
-
-    def __init__(self, pedestrian_radius: Annotated[float, Field(gt=0, le=2)] = 0.25) -> None:
-        """Set the radius of every pedestrian [m]."""
-        self._pedestrian_radius = pedestrian_radius
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits; there is no randomness."""
@@ -111,7 +105,7 @@ class Informed(crowdbench.Agent):
             state["pedestrian_next_goal"],
             state["pedestrian_switch_time"],
             state["pedestrian_speed"],
-            self._pedestrian_radius,
+            state["pedestrian_radius"],
             state["robot_pose"],
             state["robot_world_velocity"],
             state["robot_active"],
@@ -153,12 +147,15 @@ def _predict(
     here, still = np.empty((1, 2)), np.zeros((1, 2))
     here[0, 0], here[0, 1] = robot_pose[me, 0], robot_pose[me, 1]
     arrived = np.full(people, np.inf)
+    # Scenarios have pedestrians of one size, and so has the model by which they walk.
+    widest = 0.0
     # Element by element: numba compiles numpy's message about shapes for assigned rows.
     for p in range(people):
         sees[p, 0] = courteous[p]
         future[0, p, 0], future[0, p, 1] = position[p, 0], position[p, 1]
         for row in range(len(future)):
-            future[row, p, 2] = radius
+            future[row, p, 2] = radius[p]
+        widest = max(widest, radius[p])
     for step in range(HORIZON):
         now = time + step * period
         for p in range(people):
@@ -172,7 +169,7 @@ def _predict(
             preferred[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
             preferred[p, 1] = pace * dy / distance if distance > 0.0 else 0.0
         orca_velocities(
-            position, velocity, preferred, speed, radius, sees, here, still,
+            position, velocity, preferred, speed, widest, sees, here, still,
             robot_radius, 0.5, obstacles, walls, period, out,
         )  # fmt: skip
         for p in range(people):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from crowdbench_agents.learning.agent import LearnedAgent
@@ -129,18 +129,13 @@ class LatentPlanner(LearnedAgent):
         """Return the number of plans made."""
         return {"plans": float(self._plans)}
 
-    def _form(self) -> str:
-        from crowdbench_agents.latent_planner.world_model import FORMAT
-
-        return FORMAT
-
-    def _load(self, path: Path) -> tuple[WorldModel, Config]:
+    def _load(self, path: Path) -> tuple[WorldModel, Config, dict[str, Any]]:
         import torch
         from crowdbench_agents.latent_planner.fused import FusedEvaluator
         from crowdbench_agents.latent_planner.world_model import load_world_model
         from crowdbench_agents.learning.config import Planner
 
-        model, config = load_world_model(path)
+        model, config, training = load_world_model(path)
         options = self.options
         changes = options.model_dump(
             include=set(Planner.model_fields), exclude={"constant_actions"}, exclude_none=True
@@ -152,7 +147,7 @@ class LatentPlanner(LearnedAgent):
         self._settings = config.planner.model_copy(update=changes)
         if options.use_mppi:
             self._evaluator = FusedEvaluator(model, options.threads or torch.get_num_threads())
-        return model, config
+        return model, config, training
 
     def _decide(self, inputs: Inputs) -> Tensor:
         """(1, H, 2) actions in [-1, 1], or (1, E, 2) of the policy alone."""

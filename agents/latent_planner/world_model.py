@@ -10,12 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 from crowdbench_agents.learning.config import Config, Model
 from crowdbench_agents.learning.encoder import Encoder
 from crowdbench_agents.learning.inputs import ACTION, Inputs
-from crowdbench_agents.learning.weights import fill, load_tensors
+from crowdbench_agents.learning.weights import load_network
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm, softplus
 
@@ -134,14 +135,10 @@ class WorldModel(nn.Module):
         return torch.tanh(before), (log_prob - log_slope).sum(dim=-1)
 
 
-def load_world_model(path: str | Path) -> tuple[WorldModel, Config]:
-    """Make a world model from a weights file, ready for use (no gradients).
+def load_world_model(path: str | Path) -> tuple[WorldModel, Config, dict[str, Any]]:
+    """Make a world model from a weights file, as ``load_network`` does."""
 
-    Raises:
-        WeightsError: missing, damaged, or not of this program's networks.
-    """
-    path = Path(path)
-    tensors, config, _ = load_tensors(path, FORMAT)
-    model = WorldModel(config.model, config.perception.cells)
-    fill(model, tensors, path)
-    return model.eval().requires_grad_(False), config
+    def make(config: Config) -> WorldModel:
+        return WorldModel(config.model, config.perception.cells)
+
+    return load_network(Path(path), FORMAT, make)

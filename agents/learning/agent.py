@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,9 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from crowdbench_agents.learning.perception import ObstacleMap
+from crowdbench_agents.learning.trained_robot import TrainedRobot, warn_of_other_robot
 from numpy.typing import NDArray
 
 import crowdbench
+from crowdbench.messages import short
 
 if TYPE_CHECKING:
     from crowdbench_agents.learning.config import Config
@@ -20,8 +23,8 @@ if TYPE_CHECKING:
 
 
 class LearnedAgent(crowdbench.Agent):
-    """An agent with a weights file, which is found and looked into at once, so that an unusable one
-    is refused before anything runs, and loaded at the first reset.
+    """An agent with a weights file, which is checked and loaded at once, so that an unusable one is
+    refused before anything runs.
 
     PyTorch is imported when an agent is made, not with this module.
 
@@ -30,7 +33,7 @@ class LearnedAgent(crowdbench.Agent):
 
     Raises:
         ValueError: there are none of that name.
-        WeightsError: unreadable, or of other networks.
+        WeightsError: damaged, or of other networks.
     """
 
     trainer: ClassVar[str]
@@ -39,36 +42,23 @@ class LearnedAgent(crowdbench.Agent):
     """Where shipped weights are."""
 
     def __init__(self, weights: str) -> None:
-        from crowdbench_agents.learning.weights import file_digest, read_metadata
+        from crowdbench_agents.learning.weights import file_digest
 
-        self._path = self._find(weights)
-        read_metadata(self._path, self._form())
-        self.weights_sha256 = file_digest(self._path)
-        self._network: Any = None
-
-    @abstractmethod
-    def _form(self) -> str:
-        """Which networks the weights have to be of."""
+        path = self._find(weights)
+        self._name = f"the weights of {self.trainer} ({path.stem})"
+        self.weights_sha256 = file_digest(path)
+        self._network, self._config, training = self._load(path)
+        self._trained = TrainedRobot.from_training(training, path)
 
     @abstractmethod
-    def _load(self, path: Path) -> tuple[Any, Config]:
-        """Read the network and its configuration from the weights file."""
+    def _load(self, path: Path) -> tuple[Any, Config, dict[str, Any]]:
+        """The network of the weights file, its configuration, and how it was trained."""
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
-        """Load the weights if this has not been done, and forget the last episode.
-
-        Raises:
-            WeightsError: damaged, or changed since the agent was made.
-        """
-        import torch
+        """Forget the last episode; warn of a robot that the networks were not trained with."""
         from crowdbench_agents.learning.inputs import ActionBounds
-        from crowdbench_agents.learning.weights import WeightsError, file_digest
 
-        if self._network is None:
-            if file_digest(self._path) != self.weights_sha256:
-                raise WeightsError(f"weights {self._path} changed since the agent was made")
-            with torch.random.fork_rng(devices=[]):  # networks are made with random parameters
-                self._network, self._config = self._load(self._path)
+        warn_of_other_robot(self._name, self._trained, robot)
         geometry = self._config.perception.geometry
         self._map = ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
         self._bounds = ActionBounds.of(robot)
@@ -91,20 +81,18 @@ class LearnedAgent(crowdbench.Agent):
 
     def _find(self, weights: str) -> Path:
         if not isinstance(weights, str):
-            raise ValueError(f"weights: expected a name or path, got {weights!r}")
+            raise ValueError(f"weights: expected a name or path, got {short(weights)}")
         if weights.endswith(".safetensors"):
-            path = Path(weights)
-            if not path.is_file():
-                raise ValueError(f"weights: there is no file {weights!r}")
-            return path
-        path = self.folder / f"{weights}.safetensors"
-        if not path.is_file():
-            names = ", ".join(sorted(file.stem for file in self.folder.glob("*.safetensors")))
+            if not os.path.isfile(weights):  # noqa: PTH113 - unlike Path, never raises
+                raise ValueError(f"weights: there is no file {short(weights)}")
+            return Path(weights)
+        shipped = {path.stem: path for path in sorted(self.folder.glob("*.safetensors"))}
+        if weights not in shipped:
             raise ValueError(
-                f"no weights {weights!r} (there are: {names or 'none'}); train with "
-                f"`crowdbench train {self.trainer}`, or name a .safetensors file"
+                f"no weights {short(weights)} (there are: {', '.join(shipped) or 'none'}); train "
+                f"with `crowdbench train {self.trainer}`, or name a .safetensors file"
             )
-        return path
+        return shipped[weights]
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from pydantic import (
 )
 
 import crowdbench
+from crowdbench.messages import short
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -275,7 +276,7 @@ def parse_config(document: Mapping[str, Any], source: str) -> Config:
         return Config.model_validate(document)
     except ValidationError as error:
         lines = [
-            f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {item['input']!r})"
+            f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {short(item['input'])})"
             for item in error.errors()
         ]
         raise ConfigError(f"{source}: " + "; ".join(lines)) from error

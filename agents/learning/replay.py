@@ -20,6 +20,8 @@ from crowdbench_agents.learning.vector_env import Outcomes, Sensed
 from numpy.typing import NDArray
 from torch import Tensor
 
+from crowdbench.messages import short
+
 NOBODY, PLANNER, EXPERT = 0, 1, 2
 """Whose a reference action is."""
 
@@ -239,7 +241,10 @@ def _array(folder: Path | None, name: str, shape: tuple[int, ...], dtype: Any) -
         return np.zeros(shape, dtype)
     path = folder / f"{name}.npy"
     if path.is_file():
-        array = np.load(path, mmap_mode="r+")
+        try:
+            array = np.load(path, mmap_mode="r+")
+        except (OSError, ValueError, EOFError) as error:
+            raise ReplayError(f"{path}: cannot be read ({short(str(error))})") from error
         if array.shape != shape or array.dtype != dtype:
             raise ReplayError(f"{path}: has shape {array.shape}, this run needs {shape}")
         return array

@@ -17,7 +17,13 @@ from typing import Any
 import numpy as np
 import torch
 from crowdbench_agents.learning.batch import Batch, join
-from crowdbench_agents.learning.checkpoints import load_checkpoint, run_folder, save_checkpoint
+from crowdbench_agents.learning.checkpoints import (
+    load_checkpoint,
+    require_fitting,
+    run_folder,
+    run_name,
+    save_checkpoint,
+)
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.demonstrations import open_replays
 from crowdbench_agents.learning.experts import Experts
@@ -25,6 +31,7 @@ from crowdbench_agents.learning.journal import Journal, stop_on_signals
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.sampler import ScenarioSampler, scenario_digests
+from crowdbench_agents.learning.trained_robot import TrainedRobot
 from crowdbench_agents.learning.validation import Act, validate
 from crowdbench_agents.learning.vector_env import VectorEnv
 from crowdbench_agents.learning.weights import save_weights
@@ -64,6 +71,7 @@ class TrainingRun(ABC):
         self.experts = Experts(settings.expert, self.envs, labelled)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
+            "robot": TrainedRobot.of(self.envs.robot).model_dump(),
             "arithmetic": describe_precision(settings.bfloat16),
         }  # fmt: skip
         self.seconds, self.best = 0.0, -1.0
@@ -183,15 +191,17 @@ class TrainingRun(ABC):
             "sampler": json.dumps([self.sampler.success, self.sampler.episodes]),
             "counters": json.dumps(counters | {"updates": self.updates}),
         }
-        save_checkpoint(self.folder, state | self.state(), self.digests)
+        save_checkpoint(self.folder, state | self.state(), self.digests, self.form)
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder.
 
         Raises:
-            TrainingError: it is not one of this version, or its scenarios have changed.
+            TrainingError: it is damaged, of another version or other networks, or its scenarios
+                have changed.
         """
-        state = load_checkpoint(self.folder)
+        state = load_checkpoint(self.folder, self.form)
+        require_fitting(self.folder, state, self.state())
         self.rng.bit_generator.state = json.loads(state["rng"])
         self.sampler.success, self.sampler.episodes = json.loads(state["sampler"])
         counters = json.loads(state["counters"])
@@ -214,7 +224,7 @@ def train(
 
     Args:
         kind: makes a run of its folder, configuration, seed and ``social``.
-        name: of the run; its folder is ``runs/<name>``.
+        name: of the run; its folder is ``runs/<name>``. Letters, digits and _.- only.
         config: all settings.
         minutes: wall time to train in this call.
         steps: environment steps at which to stop, those of earlier calls included.
@@ -226,9 +236,10 @@ def train(
         The run's folder with ``best.safetensors`` and ``last.safetensors``.
 
     Raises:
-        TrainingError: nothing to resume, a run in the way, a diverged training, a full disk.
+        TrainingError: a name that no run can have, nothing to resume, a run in the way, a
+            checkpoint that cannot be used, a diverged training, a full disk.
     """
-    folder, curve = RUNS / name, CURVES / f"{name}.csv"
+    folder, curve = RUNS / run_name(name), CURVES / f"{name}.csv"
     with run_folder(folder, resume):
         keep_freed_memory()
         torch.set_num_threads(1)

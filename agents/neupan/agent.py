@@ -122,6 +122,7 @@ class Neupan(crowdbench.Agent):
 
         Raises:
             ValueError: a setting out of range.
+            WeightsError: the weights are missing or not the ones expected.
         """
         settings = load_settings(Path(config)) if config else load_settings()
         options: dict[str, Any] = {
@@ -135,14 +136,14 @@ class Neupan(crowdbench.Agent):
         self._settings = replace(settings, **given)
         # Named before the first episode: stored episodes are told apart by it.
         self.weights_sha256 = None if self._settings.exact else self._settings.weights_sha256
-        self._dune: Dune | None = None
+        # Also checked before it: an unusable file is refused before anything runs.
+        s = self._settings
+        self._dune = (
+            None if s.exact else load_dune(FOLDER / "weights" / s.weights, s.weights_sha256)
+        )
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
-        """Start an episode: build the planner for this robot, forget the bodies seen.
-
-        Raises:
-            WeightsError: the weights are missing or not the ones expected.
-        """
+        """Start an episode: build the planner for this robot, forget the bodies seen."""
         s = self._settings
         self._robot = robot
         limits = Limits(
@@ -214,16 +215,14 @@ class Neupan(crowdbench.Agent):
         """The network where there is one for this footprint, else the closed form."""
         s = self._settings
         self.weights_sha256 = None
-        if s.exact:
-            return footprint
         if self._dune is None:
-            self._dune = load_dune(FOLDER / "weights" / s.weights, s.weights_sha256)
+            return footprint
         trained = self._dune.footprint.corners
         if trained.shape != footprint.corners.shape or not np.allclose(trained, footprint.corners):
             warnings.warn(
-                f"neupan: {s.weights} was trained for the footprint {trained.tolist()}, "
-                f"{self._robot.name} has {footprint.corners.tolist()}: using the closed form",
-                stacklevel=2,
+                f"{s.weights} was trained for the footprint {trained.tolist()}, this robot has "
+                f"{footprint.corners.tolist()}: using the closed form",
+                stacklevel=3,
             )
             return footprint
         self.weights_sha256 = s.weights_sha256

@@ -18,6 +18,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from safetensors import SafetensorError, safe_open
 from crowdbench.compiled import compiled
 
 Array = NDArray[np.float64]
+PARTS = ("weight", "bias")
+"""Of a layer, in the names of tensors."""
 
 
 class WeightsError(ValueError):
@@ -172,11 +175,36 @@ def load_dune(path: Path, sha256: str) -> Dune:
         )
     try:
         with safe_open(path, framework="numpy") as file:
-            count = len(file.keys()) // 2
-            layers = [
-                (file.get_tensor(f"{i}.weight"), file.get_tensor(f"{i}.bias")) for i in range(count)
-            ]
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             corners = json.loads((file.metadata() or {})["corners"])
-    except (SafetensorError, KeyError, ValueError) as error:
+        footprint = Footprint.from_corners(np.array(corners, dtype=np.float64))
+        return Dune(footprint, _layers(tensors, len(footprint.corners)))
+    except (SafetensorError, KeyError, ValueError, TypeError) as error:
         raise WeightsError(f"DUNE weights {path}: not an encoder ({error})") from error
-    return Dune(Footprint.from_corners(np.array(corners)), layers)
+
+
+def _layers(tensors: dict[str, Any], edges: int) -> list[tuple[Array, Array]]:
+    """Weight and bias of each layer, from (2,) points to ``edges`` dual variables.
+
+    Raises:
+        ValueError: the tensors are no such layers; the message names the first that is wrong.
+    """
+    layers, inputs = [], 2
+    for i in range(max(1, len(tensors) // 2)):
+        for name in (f"{i}.{part}" for part in PARTS):
+            if name not in tensors:
+                raise ValueError(f"tensor {name!r} is missing")
+            if tensors[name].dtype != np.float32 or not np.isfinite(tensors[name]).all():
+                raise ValueError(f"tensor {name!r} has to be of finite float32 numbers")
+        weight, bias = tensors[f"{i}.weight"], tensors[f"{i}.bias"]
+        if weight.ndim != 2 or len(weight) != inputs:
+            raise ValueError(f"tensor '{i}.weight' has shape {weight.shape}, not ({inputs}, n)")
+        if bias.shape != weight.shape[1:]:
+            raise ValueError(f"tensor '{i}.bias' has shape {bias.shape}, not {weight.shape[1:]}")
+        layers.append((weight, bias))
+        inputs = len(bias)
+    if odd := tensors.keys() - {f"{i}.{part}" for i in range(len(layers)) for part in PARTS}:
+        raise ValueError(f"tensor {min(odd)!r} is of no layer")
+    if inputs != edges:
+        raise ValueError(f"the last layer has {inputs} outputs for {edges} edges")
+    return layers

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from crowdbench_agents.learning.agent import LearnedAgent
@@ -32,12 +32,7 @@ class Sac(LearnedAgent):
         actor: SacActor = self._network
         return actor(inputs)[0].numpy()
 
-    def _form(self) -> str:
-        from crowdbench_agents.sac.networks import FORMAT
-
-        return FORMAT
-
-    def _load(self, path: Path) -> tuple[SacActor, Config]:
+    def _load(self, path: Path) -> tuple[SacActor, Config, dict[str, Any]]:
         from crowdbench_agents.sac.networks import load_actor
 
         return load_actor(path)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import torch
 from crowdbench_agents.learning.config import Config, Model
 from crowdbench_agents.learning.encoder import Encoder
 from crowdbench_agents.learning.inputs import ACTION, Inputs
-from crowdbench_agents.learning.weights import fill, load_tensors
+from crowdbench_agents.learning.weights import load_network
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm
 
@@ -38,13 +39,8 @@ class SacActor(nn.Module):
         return torch.tanh(self.mean(self.hidden(layer_norm(z, z.shape[-1:]))))
 
 
-def load_actor(path: str | Path) -> tuple[SacActor, Config]:
-    """Make an actor from a weights file, ready for use.
-
-    Raises:
-        WeightsError: missing, damaged, or not of this program's networks.
-    """
-    tensors, config, _ = load_tensors(Path(path), FORMAT)
-    actor = SacActor(config.perception.cells, config.model)
-    fill(actor, tensors, Path(path))
-    return actor.eval().requires_grad_(False), config
+def load_actor(path: str | Path) -> tuple[SacActor, Config, dict[str, Any]]:
+    """Make an actor from a weights file, as ``load_network`` does."""
+    return load_network(
+        Path(path), FORMAT, lambda config: SacActor(config.perception.cells, config.model)
+    )

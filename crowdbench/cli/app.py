@@ -5,6 +5,8 @@ Everything heavy is imported inside the commands, so that ``crowdbench --help`` 
 
 from __future__ import annotations
 
+import io
+import sys
 import warnings
 from collections.abc import Sequence
 from typing import Annotated, TextIO
@@ -48,6 +50,9 @@ app.command("import")(import_results)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the user's mistakes become one red line and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal may know nothing but ASCII
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning

@@ -16,6 +16,7 @@ from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, ResultsStore, one_line
 from crowdbench.evaluation.runner import Missing
+from crowdbench.evaluation.scoring import TRUSTED_SHARE, waited
 from crowdbench.evaluation.statistics import Estimate, estimate, per_episode
 
 Rows = Mapping[Cell, pd.DataFrame]
@@ -65,6 +66,7 @@ def print_tables(
     print_published(console, {cell.agent: part for cell, part in published.items()})
     for cell, table in rows.items():
         _print_errors(console, cell, table)
+        _print_waits(console, cell, table)
     console.print(f"rows: {store.path}", markup=False, soft_wrap=True)
 
 
@@ -152,6 +154,7 @@ def _cell_document(
         "episodes": len(rows),
         "complete": not missing,
         "missing": [{"seed": one.seed, "reason": one_line(one.reason)} for one in missing],
+        "overloaded": int(waited(rows).sum()),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
         "metrics": {
             name: _estimate_document(estimate(metric, values[name]))
@@ -178,6 +181,19 @@ def _print_errors(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
             f"{cell.agent} in {cell.scenario}: {len(failed)} of {len(rows)} episodes ended by an "
             f"agent error, first with seed {first['seed']}: {first['error']}\n",
             style="red",
+            markup=False,
+            soft_wrap=True,
+        )
+
+
+def _print_waits(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
+    count = int(waited(rows).sum())
+    if count:
+        console.print(
+            f"{cell.agent} in {cell.scenario}: inference_s leaves {count} of {len(rows)} episodes "
+            f"out, in which the process computed for less than {TRUSTED_SHARE:.0%} of its time in "
+            "act: the machine was overloaded, or the agent waits for something\n",
+            style="yellow",
             markup=False,
             soft_wrap=True,
         )

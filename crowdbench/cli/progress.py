@@ -22,7 +22,7 @@ class ProgressBar:
     """A bar with the outcomes so far; on anything but a terminal it says nothing."""
 
     def __init__(self, total: int, quiet: bool) -> None:
-        self._console = err()
+        self._console, self._quiet = err(), quiet
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(bar_width=30),
@@ -55,6 +55,11 @@ class ProgressBar:
         told = "  ".join(f"{count} {name}" for name, count in self._outcomes.most_common())
         finished = progress.stored + progress.done
         self._bar.update(self._line, completed=finished, description="running", outcomes=told)
+
+    def note(self, text: str) -> None:
+        """Say something above the bar."""
+        if not self._quiet:
+            self._console.print(text, style="dim", markup=False, soft_wrap=True)
 
     def say_interrupted(self, folder: Path) -> None:
         """Say what is kept and how to go on."""

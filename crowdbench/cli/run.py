@@ -19,6 +19,11 @@ from crowdbench.cli.common import (
 )
 from crowdbench.scenario import load_scenario, parse_overrides
 
+MOST_EPISODES = 1_000_000
+"""Of a cell in one run: the plan of a run is held in memory."""
+LAST_SEED = 2**62
+"""Seeds of a run stay within what the results can hold."""
+
 
 def run(
     scenario: Annotated[
@@ -31,8 +36,12 @@ def run(
             "--agent", "-a", help="NAME[:OPTION=VALUE,...] or FILE.py:CLASS; may be repeated."
         ),
     ] = None,
-    episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="Per cell.")] = 20,
-    seed: Annotated[int, typer.Option(min=0, help="Of the first episode; the rest follow.")] = 0,
+    episodes: Annotated[
+        int, typer.Option("--episodes", "-n", min=1, max=MOST_EPISODES, help="Per cell.")
+    ] = 20,
+    seed: Annotated[
+        int, typer.Option(min=0, max=LAST_SEED, help="Of the first episode; the rest follow.")
+    ] = 0,
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
@@ -78,6 +87,7 @@ def run(
                 limits=Limits(step=step_limit),
                 retry_errors=retry_errors,
                 on_progress=bar.update,
+                on_note=bar.note,
             )
         except KeyboardInterrupt:
             bar.say_interrupted(results)

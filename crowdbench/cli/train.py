@@ -49,7 +49,7 @@ def train(
     chosen = {} if social is None else {"social": social}
     try:
         folder = function(
-            name=name or trainer,
+            name=trainer if name is None else name,
             minutes=minutes,
             steps=steps,
             resume=resume,

@@ -33,6 +33,7 @@ class Driven:
         outcome: how it ended.
         error: the agent's message, or None.
         diagnostics: the agent's own counters.
+        processor_share: as in ``Episode``.
     """
 
     robot: str
@@ -41,6 +42,7 @@ class Driven:
     outcome: str
     error: str | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    processor_share: float = 1.0
 
     @classmethod
     def of(cls, episode: Episode) -> Driven:
@@ -52,6 +54,7 @@ class Driven:
             episode.outcome,
             episode.error,
             dict(episode.diagnostics),
+            episode.processor_share,
         )
 
     @classmethod
@@ -123,6 +126,8 @@ def simulate(
         times = one.inference_s
         if times.shape != (steps,) or np.isinf(times).any() or (times < 0).any():
             raise ResimulationError(f"{where}, {one.robot}: times are not one for each step")
+        if not isinstance(one.processor_share, float) or not one.processor_share >= 0:
+            raise ResimulationError(f"{where}, {one.robot}: a processor time that cannot be")
     failed = [(one.error or "") if one.outcome == "agent_error" else None for one in driven]
     commands = [one.commands for one in driven]
     episodes = resimulate(scenario, seed, commands, label=label, errors=failed, on_step=on_step)
@@ -138,6 +143,7 @@ def simulate(
             error=one.error,
             inference_s=one.inference_s,
             diagnostics=dict(one.diagnostics),
+            processor_share=one.processor_share,
         )
         for one, episode in zip(driven, episodes, strict=True)
     ]

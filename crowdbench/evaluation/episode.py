@@ -53,6 +53,8 @@ class Episode:
         diagnostics: the agent's own counters.
         commands: (T, 2) what the agent asked for, before any limit; with them and the seed the
             episode can be simulated again. Empty where it was not recorded.
+        processor_share: processor time of the process inside ``act``, as a share of the sum of
+            ``inference_s``; well below 1, the process waited for something.
     """
 
     scenario: str
@@ -83,6 +85,7 @@ class Episode:
     error: str | None = None
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     commands: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    processor_share: float = 1.0
 
     @property
     def steps(self) -> int:

@@ -38,9 +38,15 @@ class Described:
 
 @dataclass(frozen=True)
 class Done:
-    """Answer to Job: what each robot did, which the parent simulates again to measure it."""
+    """Answer to Job: what each robot did, which the parent simulates again to measure it.
+
+    Attributes:
+        driven: of each robot.
+        warned: warnings since the last answer, each in one line.
+    """
 
     driven: list[Driven]
+    warned: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,10 @@ def find_recordings(rows: pd.DataFrame, at_most: int | None = None) -> list[Reco
     Raises:
         ResultsError: something cannot be read.
     """
-    groups = dict(iter(rows.groupby(["scenario", "agent"], sort=False)))
-    found = (_recording(cell, groups[key], at_most) for key, cell in cells_of(rows).items())
+    groups = rows.groupby(["scenario", "agent"], sort=False).indices
+    found = (
+        _recording(cell, rows.iloc[groups[key]], at_most) for key, cell in cells_of(rows).items()
+    )
     return [recording for recording in found if recording is not None]
 
 
@@ -129,19 +131,23 @@ def _recording(cell: Cell, rows: pd.DataFrame, at_most: int | None) -> Recording
     """What can be seen again of the rows of a cell; None if that is nothing."""
     published = rows["source"] == PUBLISHED
     kept = dict.fromkeys(set(rows.loc[published, "seed"]), PUBLISHED)
-    commands = load_commands(cell) if kept else Commands()
-    kept = {seed: source for seed, source in kept.items() if seed in commands.seeds}
+    there = load_commands(cell).seeds if kept else set()
+    kept = {seed: source for seed, source in kept.items() if seed in there}
     for source, part in rows[~published].groupby("source"):
-        there = replayable_seeds(Path(str(source)), cell)
-        kept |= {seed: str(source) for seed in {*there} & {*part["seed"]}}
+        there = {*replayable_seeds(Path(str(source)), cell)}
+        kept |= {seed: str(source) for seed in there & {*part["seed"]}}
     scenario = scenario_of(cell, rows)
     seeds = tuple(sorted(int(seed) for seed in kept))[:at_most]
     if scenario is None or not seeds:
         return None
+    # A page has recordings of every cell, so none of them holds on to all there is of its cell.
+    shown = rows[rows["seed"].isin(seeds)]
 
     def load(seed: int) -> list[Driven]:
         if kept[seed] != PUBLISHED:
             return load_driven(kept[seed], cell, seed) or []
-        return published_driven(rows[rows["seed"] == seed].to_dict("records"), commands, seed)
+        return published_driven(
+            shown[shown["seed"] == seed].to_dict("records"), load_commands(cell), seed
+        )
 
     return Recording(cell, scenario, {seed: kept[seed] for seed in seeds}, load)

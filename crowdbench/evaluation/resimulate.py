@@ -80,6 +80,7 @@ def resimulate(
         if (episode.outcome == "agent_error") != (error is not None):
             how = "goes on" if error is None else f"ended ({episode.outcome})"
             raise ResimulationError(f"{where}: {how} after the {len(given)} commands")
-        empty = np.empty(0)
-        found.append(dataclasses.replace(episode, error=error, inference_s=empty))
+        found.append(
+            dataclasses.replace(episode, error=error, inference_s=np.empty(0), processor_share=1.0)
+        )
     return found

@@ -35,6 +35,7 @@ class _Log:
     error: str | None = None
     contact: Contact | None = None
     inference_s: list[float] = field(default_factory=list)
+    processor_s: float = 0.0
     actions: list[NDArray[np.float64]] = field(default_factory=list)
     commands: list[NDArray[np.float64]] = field(default_factory=list)
     diagnostics: dict[str, float] = field(default_factory=dict)
@@ -158,9 +159,11 @@ def _act(
     sensed = _sense(agent, observation, state)
     on_call(len(log.actions))
     try:
+        processor = time.process_time()
         start = time.perf_counter()
         action = agent.act(sensed)
         log.inference_s.append(time.perf_counter() - start)
+        log.processor_s += time.process_time() - processor
         # A copy: an agent may hand over the same array at every step.
         array = np.array(action, dtype=np.float64)
     except BaseException as error:
@@ -244,4 +247,5 @@ def _episode(
         contact=log.contact,
         error=log.error,
         diagnostics=log.diagnostics,
+        processor_share=log.processor_s / max(sum(log.inference_s), 1e-9) if steps else 1.0,
     )

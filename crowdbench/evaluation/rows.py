@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,8 @@ _FIRST = (*_CELL, "seed", "robot", "outcome")
 _LAST = ("steps", "error", "diagnostics", *(field.name for field in fields(Origin)))
 _INTEGERS = ("seed", "steps")
 _TEXTS = ("version", "robot", "outcome", "error", "diagnostics", *_LAST[3:])
-_CHUNK = 4096
+_SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent", "version")))
+_CHUNK = 1024
 
 
 def empty_frame() -> pd.DataFrame:
@@ -47,57 +49,71 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
     if not cells:
         return empty_frame()
     metrics = [row[1] for row in connection.execute("PRAGMA table_info(metrics)")][1:]
-    columns = [f"episodes.{name}" for name in ("cell", *_INTEGERS, *_TEXTS)]
+    columns = [f"episodes.{name}" for name in (*_INTEGERS, *_TEXTS)]
     columns += [f"metrics.{quoted(name)}" for name in metrics]
     query = f"""
         SELECT {", ".join(columns)} FROM episodes JOIN metrics ON metrics.episode = episodes.id
-        WHERE episodes.cell IN ({", ".join(map(str, cells))})"""
-    integers: list[NDArray[np.int64]] = []
-    texts: list[list[str]] = [[] for _ in _TEXTS]
-    numbers: list[NDArray[np.float64]] = []
-    shared: dict[str, str] = {}
+        WHERE episodes.cell = ? ORDER BY seed, robot"""
+    connection.execute("BEGIN")  # one state of the file, whoever writes meanwhile
+    known = _shared_facts(connection, cells, path)
+    total = _count(connection, cells)
+    integers = np.empty((len(_INTEGERS), total), dtype=np.int64)
+    numbers = np.empty((len(metrics), total))
+    texts: dict[str, list[str]] = {name: [] for name in (*_SHARED, *_TEXTS)}
+    one: dict[str, str] = {}
+    end, first_text, first_number = 0, len(_INTEGERS), len(_INTEGERS) + len(_TEXTS)
     try:
-        for chunk in _chunks(connection.execute(query)):
-            integers.append(np.array(chunk[:3], dtype=np.int64))
-            for column, values in zip(texts, chunk[3 : 3 + len(_TEXTS)], strict=True):
-                column.extend(shared.setdefault(str(value), str(value)) for value in values)
-            numbers.append(np.array(chunk[3 + len(_TEXTS) :], dtype=float))
-    except (ValueError, TypeError) as error:
+        for number, shared in sorted(known.items(), key=lambda item: item[1]):
+            for chunk in _chunks(connection.execute(query, (number,))):
+                begin, end = end, end + len(chunk[0])
+                integers[:, begin:end] = chunk[:first_text]
+                numbers[:, begin:end] = np.array(chunk[first_number:], dtype=float)
+                for name, value in zip(_SHARED, shared, strict=True):
+                    texts[name].extend([value] * (end - begin))
+                for name, values in zip(_TEXTS, chunk[first_text:first_number], strict=True):
+                    # The same text is one object in all rows.
+                    texts[name].extend([one.setdefault(value, value) for value in values])
+    except (ValueError, TypeError, OverflowError) as error:
         raise ResultsError(f"{path}: a row holds something else than numbers ({error})") from error
-    if not integers:
+    connection.execute("COMMIT")
+    if not end:
         return empty_frame()
-    cell, *whole = np.concatenate(integers, axis=1)
-    table = {**_cell_columns(connection, cell, path), **dict(zip(_INTEGERS, whole, strict=True))}
-    table |= dict(zip(_TEXTS, texts, strict=True))
-    table |= dict(zip(metrics, np.concatenate(numbers, axis=1), strict=True))
-    frame = pd.DataFrame({name: table[name] for name in (*_FIRST, *metrics, *_LAST)})
+    table: dict[str, NDArray[Any] | list[str]] = {**texts}
+    table |= zip(_INTEGERS, integers[:, :end], strict=True)
+    table |= zip(metrics, numbers[:, :end], strict=True)
+    # Columns as they were read, without another copy of all numbers.
+    frame = pd.DataFrame({name: table[name] for name in (*_FIRST, *metrics, *_LAST)}, copy=False)
     check_rows(frame, path)
-    return frame.sort_values(["scenario", "agent", "seed", "robot"], ignore_index=True)
+    return frame
 
 
-def _chunks(cursor: sqlite3.Cursor) -> Iterator[list[tuple[object, ...]]]:
+def _chunks(cursor: sqlite3.Cursor) -> Iterator[list[tuple[Any, ...]]]:
     """A number of rows at a time, as columns."""
     while rows := cursor.fetchmany(_CHUNK):
         yield list(zip(*rows, strict=True))
 
 
-def _cell_columns(
-    connection: sqlite3.Connection, cell: NDArray[np.int64], path: Path
-) -> dict[str, NDArray[np.object_]]:
-    """What all rows of a cell share, for every row."""
-    names = [name for name in _CELL if name != "version"]
-    known = {
-        row[0]: row[1:] for row in connection.execute(f"SELECT id, {', '.join(names)} FROM cells")
-    }
-    present, index = np.unique(cell, return_inverse=True)
-    for number in present:
-        for name, text in zip(names, known[number], strict=True):
-            if not isinstance(text, str):
-                raise ResultsError(f"{path}: damaged ({name} of a cell is {short(text)})")
-    return {
-        name: np.array([known[number][i] for number in present], dtype=object)[index]
-        for i, name in enumerate(names)
-    }
+def _shared_facts(
+    connection: sqlite3.Connection, cells: Sequence[int], path: Path
+) -> dict[int, tuple[str, ...]]:
+    """What all rows of a cell share, by its number."""
+    query = f"SELECT id, {', '.join(_SHARED)} FROM cells WHERE id IN ({_listed(cells)})"
+    known = {row[0]: row[1:] for row in connection.execute(query)}
+    for facts in known.values():
+        for name, value in zip(_SHARED, facts, strict=True):
+            if not isinstance(value, str):
+                raise ResultsError(f"{path}: damaged ({name} of a cell is {short(value)})")
+    return known
+
+
+def _count(connection: sqlite3.Connection, cells: Sequence[int]) -> int:
+    query = f"SELECT count(*) FROM episodes WHERE cell IN ({_listed(cells)})"
+    total: int = connection.execute(query).fetchone()[0]
+    return total
+
+
+def _listed(cells: Sequence[int]) -> str:
+    return ", ".join(map(str, cells))
 
 
 def check_rows(frame: pd.DataFrame, path: Path) -> None:

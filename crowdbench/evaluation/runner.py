@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import warnings
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
+from crowdbench.compiled import note_run, was_run
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.pool import Limits, Pool
@@ -100,6 +102,7 @@ def run(
     limits: Limits | None = None,
     retry_errors: bool = False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_note: Callable[[str], None] = lambda note: None,
 ) -> list[Cell]:
     """Run the episodes of a plan that are not stored yet, and store them as they end.
 
@@ -114,6 +117,7 @@ def run(
         limits: for agent code.
         retry_errors: run stored episodes that ended with ``agent_error`` again and replace them.
         on_progress: called at the start and after every episode.
+        on_note: told in a line what takes long and happens once.
 
     Returns:
         The cells of the tasks, in their order, to look up their rows.
@@ -147,9 +151,12 @@ def run(
         total = sum(len(task.seeds) for task in tasks)
         progress = Progress(total, stored=total - len(queue), done=0)
         on_progress(progress)
+        _compile(scorer, queue, on_note)
         without_room: dict[Cell, ScenarioError] = {}
+        warned: set[tuple[str, str]] = set()
         for job, answer in pool.run(queue):
             assert isinstance(job, Job)
+            _pass_on_warnings(job.cell.agent, answer, warned)
             try:
                 driven = _driven(job, answer)
                 results = scorer.score(job.scenario, job.cell.agent, job.seed, driven, machine)
@@ -211,6 +218,24 @@ def _identify(pool: Pool, agents: Sequence[AgentSpec]) -> dict[str, Described]:
     return identities
 
 
+def _compile(scorer: Scorer, queue: Sequence[Message], on_note: Callable[[str], None]) -> None:
+    """Compile what this process needs before others need the same, and say so.
+
+    What an agent needs is compiled in its first process, see ``Pool``.
+    """
+    installed = {message.agent.name for message in queue} & set(agent_names())
+    names = ["crowdbench", *sorted(installed)] if queue else []
+    fresh = [name for name in names if not was_run(name)]
+    if not fresh:
+        return
+    on_note(f"compiling for {', '.join(fresh)} (once per machine) ...")
+    first = queue[0]
+    if "crowdbench" in fresh and isinstance(first, Job):
+        scorer.compile(first.scenario, first.seed)
+    for name in fresh:
+        note_run(name)
+
+
 def _cell(task: Task, identity: Described) -> Cell:
     return Cell(
         scenario=scenario_label(task.scenario),
@@ -248,6 +273,14 @@ def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
     if not isinstance(answer, Done):
         raise _NotRunError("its process answered something else")
     return answer.driven
+
+
+def _pass_on_warnings(agent: str, answer: Answer | Lost, warned: set[tuple[str, str]]) -> None:
+    """Warn of what an agent warned of in its process, of each thing once in a run."""
+    for text in answer.warned if isinstance(answer, Done) else ():
+        if (agent, text) not in warned:
+            warned.add((agent, text))
+            warnings.warn(f"agent {agent!r}: {text}", stacklevel=3)
 
 
 def _last_line(broken: Broken) -> str:

@@ -10,7 +10,8 @@ order have the same interval wherever it is printed. All callers go by seed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from scipy import stats
 
 from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.resampling import CONFIDENCE, bootstrap_limits, sign_flip_p
+from crowdbench.evaluation.resampling import CONFIDENCE, bootstrap_limits_of, sign_flip_p
 
 
 class PairingError(ValueError):
@@ -54,9 +55,30 @@ def estimate(metric: Metric, values: ArrayLike) -> Estimate:
         values: (n,) one per episode, in the order of the seeds; NaN is left out. A proportion that
             was averaged over the robots of an episode is a mean like any other.
     """
-    sample = _defined(values)
-    shares = metric.kind == "proportion" and bool(np.isin(sample, (0.0, 1.0)).all())
-    return wilson_interval(sample) if shares else mean_interval(sample)
+    return estimates({"": metric}, {"": values})[""]
+
+
+def estimates(
+    metrics: Mapping[str, Metric], values: Mapping[str, ArrayLike]
+) -> dict[str, Estimate]:
+    """``estimate`` of several metrics, to the last bit, which is faster than one by one.
+
+    Args:
+        metrics: by name.
+        values: for each of them (n,) as ``estimate`` takes them.
+    """
+    samples = {name: _defined(values[name]) for name in metrics}
+    found: dict[str, Estimate] = {}
+    by_size: dict[int, list[str]] = {}
+    for name, sample in samples.items():
+        if metrics[name].kind == "proportion" and np.isin(sample, (0.0, 1.0)).all():
+            found[name] = wilson_interval(sample)
+        else:
+            by_size.setdefault(len(sample), []).append(name)
+    for names in by_size.values():
+        intervals = _mean_intervals([samples[name] for name in names])
+        found |= zip(names, intervals, strict=True)
+    return {name: found[name] for name in metrics}
 
 
 def wilson_interval(values: ArrayLike) -> Estimate:
@@ -74,8 +96,7 @@ def wilson_interval(values: ArrayLike) -> Estimate:
     n, ones = len(sample), int(sample.sum())
     if n == 0:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    low, high = stats.binomtest(ones, n).proportion_ci(CONFIDENCE, method="wilson")
-    return Estimate(ones / n, float(low), float(high), n)
+    return Estimate(ones / n, *_wilson_limits(ones, n), n)
 
 
 def mean_interval(values: ArrayLike) -> Estimate:
@@ -87,9 +108,7 @@ def mean_interval(values: ArrayLike) -> Estimate:
     Args:
         values: (n,) NaN is left out.
     """
-    sample = _defined(values)
-    mean = float(sample.mean()) if len(sample) else np.nan
-    return Estimate(mean, *bootstrap_limits(sample), len(sample))
+    return _mean_intervals([_defined(values)])[0]
 
 
 def paired_difference(differences: ArrayLike) -> Difference:
@@ -213,6 +232,20 @@ def _listed(items: pd.Series | pd.Index, most: int = 10) -> str:
     known = list(dict.fromkeys(items))
     more = f" and {len(known) - most} more" if len(known) > most else ""
     return ", ".join(str(item) for item in known[:most]) + more
+
+
+def _mean_intervals(samples: Sequence[NDArray[np.float64]]) -> list[Estimate]:
+    """Of samples of one size, without NaN."""
+    return [
+        Estimate(float(sample.mean()) if len(sample) else np.nan, *limits, len(sample))
+        for sample, limits in zip(samples, bootstrap_limits_of(samples), strict=True)
+    ]
+
+
+@cache
+def _wilson_limits(ones: int, n: int) -> tuple[float, float]:
+    low, high = stats.binomtest(ones, n).proportion_ci(CONFIDENCE, method="wilson")
+    return float(low), float(high)
 
 
 def _defined(values: ArrayLike) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ import resource
 import signal
 import sys
 import traceback
+import warnings
 from importlib.metadata import entry_points
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
 
 _LONGEST_HASH = 200
+_LONGEST_WARNING = 1000
 
 
 def main() -> None:
@@ -101,6 +103,8 @@ class _Worker:
         self._agents: list[Agent] = []
         self._described = Described("", "", None)
         self._warm = False
+        self._warned: list[str] = []
+        warnings.showwarning = self._note_warning
 
     def answer(self, message: Message) -> Answer:
         try:
@@ -129,7 +133,12 @@ class _Worker:
             self._heartbeat.note_warm()
         beat = self._heartbeat.beat
         episodes = run_episode(env, self._agents, job.seed, label=label, on_call=beat)
-        return Done([Driven.of(episode) for episode in episodes])
+        warned, self._warned = tuple(self._warned), []
+        return Done([Driven.of(episode) for episode in episodes], warned)
+
+    def _note_warning(self, message: Warning | str, *place: Any, **more: Any) -> None:
+        """Keep a warning for the parent, which shows each once however many processes there are."""
+        self._warned.append(" ".join(str(message).split())[:_LONGEST_WARNING])
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv

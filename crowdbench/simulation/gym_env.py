@@ -1,7 +1,7 @@
 """CrowdNavEnv: the Gymnasium view of one robot in the crowd.
 
 ``gymnasium.make("crowdbench:CrowdNav-v0", scenario="multimodal_fast")``. Spaces, rewards, episode
-end and information are those of one robot in CrowdEnv (see ``crowdbench.simulation.env``).
+end, information and copies are those of one robot in CrowdEnv (see ``crowdbench.simulation.env``).
 """
 
 from __future__ import annotations

@@ -51,6 +51,7 @@ class Pedestrians:
         position, velocity: (P, 2) [m], [m/s]; the world writes them after each physics step.
         goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
         speed: (P,) preferred speed, never exceeded [m/s].
+        radius: (P,) of the discs that they are [m].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
         reactive: (P,) bool, sees the robots; the others are non-reactive.
@@ -80,6 +81,7 @@ class Pedestrians:
         self._streams = [streams.pedestrian(seed, p) for p in range(count)]
         self.position = position
         self.reactive = reactive
+        self.radius = np.full(count, settings.radius)
         low, high = settings.speed
         self.speed = np.array([low + (high - low) * rng.random() for rng in self._streams])
         self.goal, self.start, self.next_goal = (position.copy() for _ in range(3))

@@ -8,7 +8,7 @@ import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell
-from crowdbench.evaluation.statistics import estimate, per_episode
+from crowdbench.evaluation.statistics import estimates, per_episode
 from crowdbench.scenario import Scenario, scenario_names
 
 _SHOWN_ERRORS = 20
@@ -38,12 +38,10 @@ def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
         rows: as ``load_results`` returns them.
     """
     order = {name: number for number, name in enumerate(scenario_names())}
-    groups = sorted(
-        rows.groupby(["scenario", "agent"], sort=False),
-        key=lambda group: (order.get(group[0][0], len(order)), *group[0]),
-    )
+    groups = rows.groupby(["scenario", "agent"], sort=False).indices
     documents = []
-    for _, stored in groups:
+    for key in sorted(groups, key=lambda key: (order.get(key[0], len(order)), *key)):
+        stored = rows.iloc[groups[key]]
         last = stored.iloc[-1]
         cell = Cell(**{name: str(last[name]) for name in Cell.__dataclass_fields__})
         documents.append((cell, _cell_document(cell, stored)))
@@ -89,7 +87,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
             [int(seed), str(error)]
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
-        "estimates": [list(estimate(metric, values[name])) for name, metric in METRICS.items()],
+        "estimates": [list(found) for found in estimates(METRICS, values).values()],
     }
 
 

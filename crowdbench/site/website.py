@@ -90,11 +90,11 @@ def write_report_page(
         ResultsError: something cannot be read, or the output is in the way.
     """
     recordings = {found.cell.identity: found for found in find_recordings(rows, REPLAYS)}
+    groups = rows.groupby(["scenario", "agent"], sort=False).indices
     with _Writing(output):
         cells, scenarios = [], {}
         for cell, document in cell_documents(rows):
-            mine = rows[(rows["scenario"] == cell.scenario) & (rows["agent"] == cell.agent)]
-            scenario = scenario_of(cell, mine)
+            scenario = scenario_of(cell, rows.iloc[groups[cell.scenario, cell.agent]])
             # Rows of a scenario that is defined otherwise by now are not set beside new ones.
             now = defined_scenario(cell.scenario, cell.scenario_digest, definition="")
             old = now is None and "@" not in cell.scenario

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -35,7 +36,9 @@ class Speed:
     planning: float = 0.0  # [s]
 
     def add(self, steps: int, seconds_per_step: float) -> None:
-        """Count an episode; without a step it took no planning."""
+        """Count an episode; without a step it took no planning, and untimed as much as others."""
+        if math.isnan(seconds_per_step):
+            seconds_per_step = self.planning / self.steps if self.steps else 0.0
         self.episodes += 1
         self.steps += steps
         self.planning += steps * seconds_per_step if steps else 0.0

@@ -34,9 +34,9 @@ class Measurements:
         named = wanted["named"]
         wanted["scenario"] = named.map({name: scenario_label(w) for name, w in worlds.items()})
         wanted["scenario_digest"] = named.map({name: w.digest for name, w in worlds.items()})
-        kept = episodes[episodes["robot"] == "robot_0"].merge(
-            wanted, on=["scenario", "agent", "scenario_digest"]
-        )
+        # Rows that no cell can want are left out first: merging copies all there are.
+        near = (episodes["robot"] == "robot_0") & (episodes["seed"] < wanted["episodes"].max())
+        kept = episodes[near].merge(wanted, on=["scenario", "agent", "scenario_digest"])
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
         added_since = {name: np.nan for name in METRICS if name not in kept}
         self.episodes = kept.drop(columns=["episodes", "named"]).assign(**added_since)

@@ -7,7 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
+from crowdbench.evaluation.scoring import TRUSTED_SHARE, waited
 from crowdbench.study.claims import Finding, Order, Verdict
 from crowdbench.study.formats import escape_markdown, legend, markdown_table
 from crowdbench.study.measurements import Measurements
@@ -178,6 +180,16 @@ def _figures(study: Study, there: Mapping[str, bool]) -> str:
     return "\n".join(parts)
 
 
+def _untimed(rows: pd.DataFrame) -> list[str]:
+    """A line on the episodes whose times do not count, if there are any."""
+    count = int(waited(rows).sum())
+    return [
+        f"- Without a time: {count:,} episodes, in which the process computed for less than "
+        f"{TRUSTED_SHARE:.0%} of its time inside the agent (the machine was overloaded, or the "
+        "agent waits for something)."
+    ] * (count > 0)
+
+
 def _provenance(measured: Measurements, sessions: Sequence[Session]) -> str:
     rows = measured.episodes
     lines = ["## How this was measured\n"]
@@ -187,6 +199,7 @@ def _provenance(measured: Measurements, sessions: Sequence[Session]) -> str:
             f"- Machines: {_counted(rows['machine'])}.",
             f"- crowdbench: {_counted(rows['version'])}.",
             f"- Time inside the agents, over all episodes: {duration(planning)}.",
+            *_untimed(rows),
             f"- Episodes that an error of the agent ended (they count as failures): "
             f"{_failures(measured)}.",
         ]

@@ -11,7 +11,7 @@ from crowdbench.agent import AgentError, AgentSpec, agent_options, find_agent
 RANGES = {
     "orca": {"responsibility": (0, 1), "margin": (0, 1)},
     "dynamic_window": {"heading": (0, 1000), "clearance": (0, 1000), "speed": (0, 1000)},
-    "informed": {"pedestrian_radius": (0.001, 2)},
+    "informed": {},
     "neupan": {"horizon": (1, 100), "iterations": (1, 100), "reference_speed": (0.01, 20)},
 }
 """Of numbers, both ends allowed."""

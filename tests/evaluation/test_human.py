@@ -8,7 +8,7 @@ import pytest
 
 from crowdbench.agent import Observation, RobotSpec
 from crowdbench.evaluation import human
-from crowdbench.evaluation.results import load_results
+from crowdbench.evaluation.results import ResultsError, load_results
 from crowdbench.evaluation.stored import find_cells, load_episodes
 from crowdbench.scenario import load_scenario
 
@@ -114,3 +114,21 @@ def test_a_drive_is_stored_like_any_other_episode(press, tmp_path):
     (cell,) = find_cells(tmp_path)
     (stored,) = load_episodes(tmp_path, cell, SCENARIO, seed=0)
     np.testing.assert_array_equal(stored.robot_pose, episode.robot_pose)
+
+
+def test_row_and_commands_of_a_drive_are_stored_together_or_not_at_all(
+    press, tmp_path, monkeypatch
+):
+    press((pygame.KEYDOWN, pygame.K_UP))
+    episode = human.drive(SCENARIO, seed=0)
+
+    def fails(commands, inference_s):
+        raise OSError("the disk is gone")
+
+    with monkeypatch.context() as patch, pytest.raises(ResultsError):
+        patch.setattr("crowdbench.evaluation.results.packed", fails)
+        human.store_drive(SCENARIO, episode, tmp_path)
+    assert load_results(tmp_path).empty
+    human.store_drive(SCENARIO, episode, tmp_path)
+    (cell,) = find_cells(tmp_path)
+    assert load_episodes(tmp_path, cell, SCENARIO, seed=0) is not None

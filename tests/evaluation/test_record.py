@@ -164,7 +164,11 @@ def test_an_empty_record_has_no_rows(tmp_path):
     assert record_commands(CELL, 0, tmp_path) is None
 
 
-@pytest.mark.parametrize("content", [b"", b"no archive", gzip.compress(b"a,b\n1,2\n")])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"no archive", gzip.compress(b"a,b\n1,2\n", mtime=0)],
+    ids=["empty", "no archive", "no rows"],
+)
 def test_damaged_rows_are_named(written, content):
     path = only_file(written, "rows")
     path.write_bytes(content)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from crowdbench.evaluation import resampling
-from crowdbench.evaluation.resampling import bootstrap_limits, sign_flip_p
+from crowdbench.evaluation.resampling import bootstrap_limits, bootstrap_limits_of, sign_flip_p
 
 
 @pytest.mark.parametrize("n", [12, 100, 500])
@@ -71,6 +71,13 @@ def test_draws_that_are_not_kept_are_the_same(monkeypatch):
     monkeypatch.setattr(resampling, "_BLOCK", 2000)
     assert bootstrap_limits(sample) == pytest.approx(kept[0], rel=1e-12)
     assert sign_flip_p(sample) == kept[1]
+
+
+def test_samples_have_the_same_limits_together_and_alone():
+    rng = np.random.default_rng(4)
+    samples = [*rng.normal(size=(3, 120)), np.full(120, 0.5), rng.random(120)]
+    assert bootstrap_limits_of(samples) == [bootstrap_limits(sample) for sample in samples]
+    assert bootstrap_limits_of([]) == []
 
 
 def test_memory_does_not_grow_with_the_sample():

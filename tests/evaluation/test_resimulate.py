@@ -10,7 +10,7 @@ from crowdbench.evaluation.resimulate import ResimulationError, resimulate
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import load_scenario
 
-NOT_SIMULATED = {"inference_s", "diagnostics"}
+NOT_SIMULATED = {"inference_s", "processor_share", "diagnostics"}
 
 
 class Swerves(Agent):

@@ -93,6 +93,23 @@ def planner(tmp_path):
     return spec
 
 
+def test_what_agents_warn_of_in_their_processes_is_told_once_in_a_run(tmp_path):
+    path = tmp_path / "warner.py"
+    path.write_text(
+        "import warnings, crowdbench\n"
+        "class Warner(crowdbench.Agent):\n"
+        "    def __init__(self, of='the robot'): self.of = of\n"
+        "    def reset(self, robot, seed): warnings.warn(f'mind\\n{self.of}')\n"
+        "    def act(self, observation): return 0.5, 0.0\n"
+    )
+    names = [f"{path}:Warner", f"{path}:Warner:of=people"]
+    tasks = [Task(TINY, AgentSpec.parse(name), range(4)) for name in names]
+    with pytest.warns(UserWarning, match="mind") as caught:
+        run(tasks, tmp_path / "results", jobs=2)
+    told = sorted(str(item.message) for item in caught if item.category is UserWarning)
+    assert told == [f"agent {names[0]!r}: mind the robot", f"agent {names[1]!r}: mind people"]
+
+
 def test_the_same_rows_come_out_alone_and_in_parallel(tmp_path, planner):
     tasks = [Task(TINY, planner(), range(4)), Task(TINY, AgentSpec("straight_line", {}), range(3))]
     alone, parallel = tmp_path / "alone", tmp_path / "parallel"
@@ -103,7 +120,7 @@ def test_the_same_rows_come_out_alone_and_in_parallel(tmp_path, planner):
     columns = [name for name in one.columns if name not in VARY]
     assert one[columns].equals(two[columns])
     diagnostics = [json.loads(text) for text in two[two["agent"] == str(planner())]["diagnostics"]]
-    assert diagnostics == [{"threads": 1.0}] * 4, "with several processes, one thread each"
+    assert [one["threads"] for one in diagnostics] == [1.0] * 4
     assert set(two["machine"]) == {machine_name()}
     for _, stored in two[two["agent"] == "straight_line"].iterrows():
         (episode,) = run_episode(TINY, "straight_line", stored["seed"])
@@ -203,7 +220,8 @@ def test_stored_commands_give_the_stored_rows(tmp_path, planner):
         assert episode.commands.tolist() == [[0.5, 0.1]] * stored["steps"]
         values = metrics(episode)
         assert [repr(values[name]) for name in MEASURED] == [repr(stored[n]) for n in MEASURED]
-        assert values["inference_s"] == pytest.approx(stored["inference_s"], rel=1e-6)
+        if "processor_share" not in stored["diagnostics"]:  # else the machine is busy
+            assert values["inference_s"] == pytest.approx(stored["inference_s"], rel=1e-6)
 
 
 def test_a_row_names_what_its_episode_depends_on(tmp_path, planner):

@@ -29,6 +29,11 @@ def corridor(**changes):
     return plain.override(changes)
 
 
+def allowed(half_extent, speed):
+    """A period that such bodies and speeds may have, turns and diagonals included [s]."""
+    return 0.48 * MOST * half_extent / (1.5 * speed + 3.0)
+
+
 def footprint(scenario, pose):
     x, y = scenario.robots.length / 2, scenario.robots.width / 2
     turned = rotate(box(-x, -y, x, y), pose[2], origin=(0, 0), use_radians=True)
@@ -63,7 +68,8 @@ def touches(scenario, state):
 def test_nobody_is_ever_beyond_a_wall_and_who_ends_in_contact_has_collided(
     speed, walking, turn_rate, period, substeps, length, width, radius, drive, seed
 ):
-    period = min(period, 30.0 / max(speed, walking))
+    fastest = max(speed, walking)
+    period = min(period, 30.0 / fastest, allowed(min(length, width, 2 * radius) / 2, fastest))
     scenario = corridor(
         **{
             "control_period": period, "substeps": substeps, "robots.speed": [0.0, speed],
@@ -101,6 +107,7 @@ def test_a_robot_does_not_drive_through_somebody_who_stands(
     speed, period, substeps, width, radius, angle
 ):
     """Placed in its way, hit by the middle of its front, and before the period ends."""
+    period = min(period, allowed(min(width / 2, radius), speed))
     scenario = Scenario(
         name="pin", control_period=period, substeps=substeps, time_limit=20,
         robots={"speed": [0, speed], "length": width, "width": width},

@@ -61,7 +61,7 @@ def test_a_cell_without_a_seed_in_between_is_incomplete(episodes, tmp_path):
     episodes.add("orca", success=[1, 1])
     episodes.add("orca", success=[1], first=5)
     episodes.add("straight_line", success=[1, 0])
-    write_report_page(episodes.folder, tmp_path / "site")
+    write_report_page(local_rows(episodes.folder), tmp_path / "site")
     cells = {cell["agent"]: cell for cell in index(tmp_path / "site")["cells"]}
     assert {name: cell["missing"] for name, cell in cells.items()} == {
         "orca": 3,

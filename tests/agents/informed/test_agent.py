@@ -30,10 +30,17 @@ def drive(scenario, seed, **overrides):
     return infos["robot_0"]["outcome"], np.array(actions)
 
 
-@pytest.mark.parametrize("scenario", ["multimodal_fast_nonreactive", "corridor_very_dense"])
-def test_people_walk_as_predicted(scenario):
+@pytest.mark.parametrize(
+    ("scenario", "radius"),
+    [
+        ("multimodal_fast_nonreactive", 0.25),
+        ("corridor_very_dense", 0.25),
+        ("unimodal_fast_nonreactive", 0.4),
+    ],
+)
+def test_people_walk_as_predicted(scenario, radius):
     """Those who keep their leg; the robot is out of sight of all."""
-    env = crowdbench.parallel_env(scenario, pedestrians={"reactive": 0})
+    env = crowdbench.parallel_env(scenario, pedestrians={"reactive": 0, "radius": radius})
     agent, compared = Informed(), 0
     for seed in range(900_000, 900_006):
         env.reset(seed=seed)
@@ -41,6 +48,7 @@ def test_people_walk_as_predicted(scenario):
         for _ in range(5):
             env.step({"robot_0": (0.0, 0.0)})
         future, _ = agent._predict(env.state(), False)
+        assert (future[0, : env.scenario.pedestrians.count, 2] == radius).all()
         for step in range(1, 9):
             env.step({"robot_0": (0.0, 0.0)})
             state = env.state()

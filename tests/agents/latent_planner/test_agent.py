@@ -15,7 +15,7 @@ from crowdbench_agents.latent_planner.world_model import FORMAT, WorldModel, loa
 from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.perception import ObstacleMap, reflect
-from crowdbench_agents.learning.weights import WeightsError, file_digest, save_weights
+from crowdbench_agents.learning.weights import file_digest, save_weights
 from crowdbench_agents.tdmpc.agent import Tdmpc
 
 import crowdbench
@@ -116,7 +116,7 @@ def test_the_search_starts_from_the_part_of_the_last_plan_that_is_left(
 
 def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights, script):
     agent = ready(weights, horizon=3, execute=3)
-    model, config = load_world_model(weights)
+    model, config, _ = load_world_model(weights)
     seen = list(observations(10))
     for observation in seen:
         agent.act(observation)
@@ -182,7 +182,7 @@ def test_actions_follow_from_the_seed_and_nothing_else(weights):
 def test_policy_alone_is_the_worlds_models_policy(weights):
     agent = LatentPlanner(weights=weights, use_mppi=False)
     agent.reset(ROBOT, 0)
-    model, config = load_world_model(weights)
+    model, config, _ = load_world_model(weights)
     maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
     for seen in observations(3):
         drawn = maps.update(seen.lidar, seen.pose)
@@ -198,7 +198,7 @@ def test_policy_executed_open_loop_goes_through_the_model(weights):
     first, second = observations(2)
     agent.act(first)
     action = agent.act(second)
-    model, config = load_world_model(weights)
+    model, config, _ = load_world_model(weights)
     drawn = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
     arrays = (drawn.update(first.lidar, first.pose), first.velocity, first.goal)
     z = model.encode(Inputs(*(torch.from_numpy(array[None]) for array in arrays)))
@@ -292,17 +292,30 @@ def test_weights_are_identified_when_the_agent_is_made(weights):
     assert LatentPlanner(weights=weights).weights_sha256 == file_digest(Path(weights))
 
 
-def test_weights_that_change_or_break_are_refused_at_the_reset(weights, tmp_path):
+def test_weights_that_break_are_refused_before_anything_runs(weights, tmp_path):
     path = tmp_path / "copy.safetensors"
     content = bytearray(Path(weights).read_bytes())
-    path.write_bytes(content)
-    agent = LatentPlanner(weights=str(path))
     content[-100] ^= 1
     path.write_bytes(content)
-    with pytest.raises(WeightsError, match=r"copy\.safetensors changed since the agent was made"):
-        agent.reset(ROBOT, 0)
-    with pytest.raises(WeightsError, match=r"copy\.safetensors are damaged: their hash"):
-        LatentPlanner(weights=str(path)).reset(ROBOT, 0)
+    with pytest.raises(crowdbench.AgentError, match=r"copy\.safetensors are damaged: their hash"):
+        crowdbench.AgentSpec.parse(f"latent_planner:weights={path}").make()
+
+
+def test_an_agent_drives_by_the_weights_that_it_was_made_with(weights, tmp_path):
+    path = tmp_path / "copy.safetensors"
+    path.write_bytes(Path(weights).read_bytes())
+    agent = LatentPlanner(weights=str(path), **BUDGET)
+    path.write_bytes(b"other weights")
+    expected = drive(LatentPlanner(weights=weights, **BUDGET), 2)
+    assert np.array_equal(drive(agent, 2), expected)
+    assert agent.weights_sha256 == file_digest(Path(weights))
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "x" * 5000 + ".safetensors", "../weights/social", ""])
+def test_weights_that_are_nowhere_are_told_in_a_short_line(name):
+    with pytest.raises(ValueError, match=r"no weights|there is no file") as caught:
+        LatentPlanner(weights=name)
+    assert len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize("content", [b"", b"no weights at all"])

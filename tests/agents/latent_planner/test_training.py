@@ -6,7 +6,7 @@ import signal
 
 import pytest
 from crowdbench_agents.latent_planner.training import LatentPlannerRun, train
-from crowdbench_agents.latent_planner.world_model import load_world_model
+from crowdbench_agents.latent_planner.world_model import FORMAT, load_world_model
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
 
@@ -27,7 +27,9 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
     last = curve.read_text().splitlines()[-1].split(",")
     assert int(last[0]) == 300
     assert int(last[2]) > updates
-    _, config = load_world_model(folder / "last.safetensors")
+    _, config, training = load_world_model(folder / "last.safetensors")
+    assert training["robot"]["beams"] == 180
+    assert training["arithmetic"] == "float32"
     assert config.model.latent == 32
     assert overrides["planner.horizon"] == config.planner.horizon
 
@@ -49,7 +51,7 @@ def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, mon
     names = [*crowdbench.scenario_names(), "of_somebody_else"]
     monkeypatch.setattr(crowdbench, "scenario_names", lambda: names)
     folder = train("worlds", steps=140, resume=True, overrides=overrides)
-    assert json.loads(load_checkpoint(folder)["counters"])["steps"] == 140
+    assert json.loads(load_checkpoint(folder, FORMAT)["counters"])["steps"] == 140
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -66,6 +68,6 @@ def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
 
     monkeypatch.setattr(LatentPlannerRun, "step", interrupted)
     folder = train("short", steps=400, overrides=overrides)
-    assert json.loads(load_checkpoint(folder)["counters"])["steps"] == 44
+    assert json.loads(load_checkpoint(folder, FORMAT)["counters"])["steps"] == 44
     train("short", steps=80, resume=True, overrides=overrides)
-    assert json.loads(load_checkpoint(folder)["counters"])["steps"] == 80
+    assert json.loads(load_checkpoint(folder, FORMAT)["counters"])["steps"] == 80

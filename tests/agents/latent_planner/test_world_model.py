@@ -9,6 +9,8 @@ from crowdbench_agents.latent_planner.world_model import FORMAT, WorldModel, loa
 from crowdbench_agents.learning.config import Config, ConfigError, load_config
 from crowdbench_agents.learning.inputs import ActionBounds, Inputs
 from crowdbench_agents.learning.weights import WeightsError, save_weights
+from safetensors import safe_open
+from safetensors.torch import save_file
 
 import crowdbench
 
@@ -110,9 +112,13 @@ def test_action_bounds_map_the_unit_square_onto_the_robot():
     np.testing.assert_allclose(bounds.normalised(bounds.physical(random)), random, atol=1e-6)
 
 
+def contiguous(model):
+    return {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
+
+
 def test_weights_survive_the_round_trip(model, config, inputs, tmp_path):
     save_weights(tmp_path / "w.safetensors", model.state_dict(), config, {"seed": 1}, FORMAT)
-    loaded, loaded_config = load_world_model(tmp_path / "w.safetensors")
+    loaded, loaded_config, _ = load_world_model(tmp_path / "w.safetensors")
     assert loaded_config == config
     assert torch.equal(loaded.encode(inputs), model.encode(inputs))
 
@@ -134,13 +140,72 @@ def test_weights_of_other_networks_are_refused(model, tmp_path):
     path = tmp_path / "w.safetensors"
     other = load_config().override({"model.latent": 128})
     save_weights(path, model.state_dict(), other, {}, FORMAT)
-    with pytest.raises(WeightsError, match="do not fit"):
+    with pytest.raises(WeightsError, match=r"do not fit .*tensor '[\w.]+' has shape .*, not .*"):
         load_world_model(path)
     save_weights(path, model.state_dict(), other, {}, "something-else")
     with pytest.raises(WeightsError, match="'something-else', expected"):
         load_world_model(path)
     with pytest.raises(WeightsError, match=r"none\.safetensors do not exist"):
         load_world_model(tmp_path / "none.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda tensor: tensor.double(), "is of torch.float64, not torch.float32"),
+        (lambda tensor: tensor[1:], r"has shape \(255,\), not \(256,\)"),
+        (lambda tensor: tensor * float("nan"), "has values that are not finite"),
+        (lambda tensor: tensor / 0, "has values that are not finite"),
+        (lambda tensor: None, "is missing"),
+    ],
+)
+@pytest.mark.parametrize("honest", [True, False], ids=["with their hash", "with another hash"])
+def test_tensors_that_cannot_be_used_are_named(config, model, tmp_path, change, message, honest):
+    path, name = tmp_path / "w.safetensors", "encoder.fuse.bias"
+    tensors = contiguous(model)
+    changed = change(torch.ones_like(tensors.pop(name)))
+    tensors |= {} if changed is None else {name: changed}
+    save_weights(path, tensors, config, {}, FORMAT)
+    if not honest:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() | {"sha256": "0" * 64}
+        save_file(tensors, path, metadata)
+    with pytest.raises(
+        WeightsError, match=rf"w\.safetensors .*tensor '{name}' {message}"
+    ) as caught:
+        load_world_model(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("config", "[1]", "'config' is missing or no JSON object"),
+        ("config", "{", "unusable metadata"),
+        ("config", "[" * 100_000, "unusable metadata"),
+        ("config", '{"model": {"latent": -1}}', r"model\.latent: .*got -1"),
+        ("config", '{"model": {"latent": 1000000000}}', "do not fit the networks: tensor"),
+        ("config", '{"model": {"latent": 9' + "0" * 40 + "}}", "no network has the sizes"),
+        ("training", "null", "'training' is missing or no JSON object"),
+    ],
+)
+def test_metadata_that_cannot_be_used_are_told(config, model, tmp_path, key, value, message):
+    path, tensors = tmp_path / "w.safetensors", contiguous(model)
+    save_weights(path, tensors, config, {}, FORMAT)
+    with safe_open(path, framework="pt") as file:
+        metadata = file.metadata() | {key: value}
+    save_file(tensors, path, metadata)
+    with pytest.raises(WeightsError, match=rf"w\.safetensors.*{message}") as caught:
+        load_world_model(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+def test_tensors_of_somebody_else_are_refused(tmp_path):
+    path = tmp_path / "w.safetensors"
+    save_file({"layer.weight": torch.ones(3)}, path)
+    with pytest.raises(WeightsError, match="of no format that is known, expected 'crowdbench-w"):
+        load_world_model(path)
 
 
 def test_the_papers_values_are_the_defaults():

@@ -4,19 +4,27 @@ from pathlib import Path
 
 import pytest
 import torch
-from crowdbench_agents.learning.checkpoints import load_checkpoint, run_folder, save_checkpoint
+from crowdbench_agents.learning.checkpoints import (
+    load_checkpoint,
+    require_fitting,
+    run_folder,
+    run_name,
+    save_checkpoint,
+)
 from crowdbench_agents.learning.errors import TrainingError
 
 import crowdbench
 
+FORM = "some-networks"
+
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_full_disk_is_told_and_leaves_the_checkpoint_before(tmp_path):
-    save_checkpoint(tmp_path, {"updates": 7}, {})
+    save_checkpoint(tmp_path, {"updates": 7}, {}, FORM)
     (tmp_path / "checkpoint.part").symlink_to("/dev/full")
     with pytest.raises(TrainingError, match=r"checkpoint\.part: .* make room on the disk"):
-        save_checkpoint(tmp_path, {"updates": 8, "weights": torch.zeros(100_000)}, {})
-    assert load_checkpoint(tmp_path)["updates"] == 7
+        save_checkpoint(tmp_path, {"updates": 8, "weights": torch.zeros(100_000)}, {}, FORM)
+    assert load_checkpoint(tmp_path, FORM)["updates"] == 7
 
 
 def test_resuming_nothing_is_refused(tmp_path):
@@ -35,20 +43,93 @@ def test_a_run_that_is_being_trained_cannot_be_trained_by_another(tmp_path):
 
 def test_a_checkpoint_of_scenarios_that_have_changed_is_refused_by_their_names(tmp_path):
     digests = {"corridor_sparse": crowdbench.load_scenario("corridor_sparse").digest}
-    save_checkpoint(tmp_path, {"updates": 7}, digests)
-    assert load_checkpoint(tmp_path) == {"updates": 7}
-    save_checkpoint(tmp_path, {"updates": 8}, digests | {"unimodal_slow": "0123456789ab"})
+    save_checkpoint(tmp_path, {"updates": 7}, digests, FORM)
+    assert load_checkpoint(tmp_path, FORM) == {"updates": 7}
+    save_checkpoint(tmp_path, {"updates": 8}, digests | {"unimodal_slow": "0123456789ab"}, FORM)
     with pytest.raises(TrainingError, match=r"changed .*: unimodal_slow .then 0123456789ab, now "):
-        load_checkpoint(tmp_path)
+        load_checkpoint(tmp_path, FORM)
 
 
 def test_a_checkpoint_that_does_not_name_its_scenarios_is_refused(tmp_path):
     torch.save({"worlds": "0123456789ab", "updates": 7}, tmp_path / "checkpoint.pt")
     with pytest.raises(TrainingError, match=r"earlier version of crowdbench.* under a new name"):
-        load_checkpoint(tmp_path)
+        load_checkpoint(tmp_path, FORM)
 
 
 def test_a_damaged_checkpoint_is_told(tmp_path):
     (tmp_path / "checkpoint.pt").write_bytes(b"torn")
     with pytest.raises(TrainingError, match=r"checkpoint\.pt: cannot be read"):
-        load_checkpoint(tmp_path)
+        load_checkpoint(tmp_path, FORM)
+
+
+def refusal(folder, form=FORM):
+    with pytest.raises(TrainingError) as caught:
+        load_checkpoint(folder, form)
+    message = str(caught.value)
+    assert message.startswith(f"{folder / 'checkpoint.pt'}: ")
+    assert "\n" not in message
+    return message.partition(": ")[2]
+
+
+def test_every_flipped_bit_of_a_tensor_is_noticed(tmp_path):
+    save_checkpoint(tmp_path, {"networks": {"weight": torch.full((50, 50), 0.3)}}, {}, FORM)
+    path = tmp_path / "checkpoint.pt"
+    content = bytearray(path.read_bytes())
+    # 0.3 in float32
+    content[content.index(bytes.fromhex("9a99993e") * 100) + 401] ^= 1
+    path.write_bytes(content)
+    assert refusal(tmp_path).startswith("damaged: its hash")
+
+
+def test_a_torn_checkpoint_is_told(tmp_path):
+    save_checkpoint(tmp_path, {"weight": torch.ones(5000)}, {}, FORM)
+    path = tmp_path / "checkpoint.pt"
+    path.write_bytes(path.read_bytes()[:9000])
+    assert refusal(tmp_path).startswith("cannot be read")
+
+
+@pytest.mark.parametrize("content", [[1, 2], torch.ones(3), {"state": {}}, {}])
+def test_what_is_no_checkpoint_is_refused(tmp_path, content):
+    torch.save(content, tmp_path / "checkpoint.pt")
+    assert refusal(tmp_path).startswith("no checkpoint")
+
+
+def test_a_number_that_is_not_finite_is_named(tmp_path):
+    state = {"optimizer": {"state": {0: {"exp_avg": torch.tensor([0.0, float("nan")])}}}}
+    save_checkpoint(tmp_path, state, {}, FORM)
+    assert refusal(tmp_path).startswith("tensor 'optimizer.state.0.exp_avg' has values")
+
+
+def test_a_checkpoint_of_other_networks_is_refused(tmp_path):
+    save_checkpoint(tmp_path, {}, {}, "other-networks")
+    assert refusal(tmp_path) == "is of 'other-networks' networks, expected 'some-networks'"
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        ({"a": {"w": torch.ones(3)}}, r"'a.w' is a tensor of .*shape \(3,\), not .*shape \(2,\)"),
+        ({"a": {"w": torch.ones(2).double()}}, "'a.w' is a tensor of torch.float64"),
+        ({"a": {"w": 1.0}}, "'a.w' is no tensor, not a tensor"),
+        ({"a": 1.0}, "'a.w' is missing"),
+    ],
+)
+def test_a_state_of_other_sizes_is_refused_by_its_tensor(tmp_path, found, message):
+    with pytest.raises(TrainingError, match=r"checkpoint\.pt: does not fit .*" + message):
+        require_fitting(tmp_path, found, {"a": {"w": torch.ones(2)}})
+
+
+@pytest.mark.parametrize("name", ["a", "latent_planner", "7", "A.b-c_d", "x" * 100])
+def test_names_of_runs_are_names_of_files(name):
+    assert run_name(name) == name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "../x", "/tmp/x", "a/b", "a\\b", ".hidden", "-x", "x\n", "\0", "x" * 5000, "é"],
+)
+def test_names_that_lead_elsewhere_are_refused_in_a_short_line(name):
+    with pytest.raises(TrainingError, match="1 to 100 letters, digits") as caught:
+        run_name(name)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 250

@@ -287,9 +287,8 @@ def write_config(path, **changes):
 
 
 def test_weights_other_than_the_expected_ones_are_refused(tmp_path):
-    agent = Neupan(config=write_config(tmp_path / "c.yaml", weights_sha256="0" * 64))
     with pytest.raises(WeightsError, match="corrupted or replaced"):
-        agent.reset(robot(), seed=0)
+        Neupan(config=write_config(tmp_path / "c.yaml", weights_sha256="0" * 64))
 
 
 @pytest.mark.parametrize(

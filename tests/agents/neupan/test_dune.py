@@ -1,6 +1,7 @@
 """DUNE: the closed form against other solvers, the network against the closed form."""
 
 import hashlib
+import json
 
 import daqp
 import numpy as np
@@ -159,3 +160,40 @@ def test_weights_that_are_not_what_they_should_be_are_refused(tmp_path):
     save_file({"something": np.zeros(3, dtype=np.float32)}, path)
     with pytest.raises(WeightsError, match="not an encoder"):
         load_dune(path, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"1.bias": np.full(4, np.nan, np.float32)}, "'1.bias' has to be of finite float32"),
+        ({"1.bias": np.zeros(4)}, "'1.bias' has to be of finite float32"),
+        ({"1.bias": np.zeros(3, np.float32)}, r"'1.bias' has shape \(3,\), not \(4,\)"),
+        (
+            {"1.weight": np.zeros((8, 4), np.float32)},
+            r"'1.weight' has shape \(8, 4\), not \(9, n\)",
+        ),
+        ({"1.weight": np.zeros(4, np.float32)}, "'1.weight' has shape"),
+        ({"other": np.zeros(4, np.float32)}, "'other' is of no layer"),
+        ({"1.bias": None, "x": np.zeros(1, np.float32)}, "'1.bias' is missing"),
+    ],
+)
+def test_tensors_that_are_no_encoder_are_named(tmp_path, changes, message):
+    path = tmp_path / "dune.safetensors"
+    tensors = {
+        "0.weight": np.ones((2, 9), np.float32), "0.bias": np.ones(9, np.float32),
+        "1.weight": np.ones((9, 4), np.float32), "1.bias": np.ones(4, np.float32),
+    }  # fmt: skip
+    metadata = {"corners": json.dumps(ROBOT.tolist())}
+
+    def load():
+        return load_dune(path, hashlib.sha256(path.read_bytes()).hexdigest())
+
+    save_file(tensors, path, metadata)
+    assert load().dual(np.ones((3, 2))).shape == (3, 4)
+    changed = {name: value for name, value in (tensors | changes).items() if value is not None}
+    save_file(changed, path, metadata)
+    with pytest.raises(
+        WeightsError, match=rf"dune\.safetensors: not an encoder .*{message}"
+    ) as caught:
+        load()
+    assert "\n" not in str(caught.value)

@@ -10,7 +10,7 @@ import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.config import load_config
-from crowdbench_agents.sac.networks import load_actor
+from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import BATCH, SacRun, train
 from stable_baselines3 import SAC
 
@@ -90,7 +90,7 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder):
     updates = [int(line.split(",")[2]) for line in lines[1:]]
     assert steps == [0, 100, 160]
     assert updates[2] > updates[1] > updates[0] == TINY["training.pretraining"]
-    _, config = load_actor(folder / "last.safetensors")
+    _, config, _ = load_actor(folder / "last.safetensors")
     assert config.model.latent == 32
 
 
@@ -108,7 +108,7 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     monkeypatch.setattr(SAC, "train", interrupted)
     changes = TINY | {"training.pretraining": pretraining}
     folder = train("short", steps=10_000, overrides=changes)
-    counters = json.loads(load_checkpoint(folder)["counters"])
+    counters = json.loads(load_checkpoint(folder, FORMAT)["counters"])
     assert counters["updates"] == 1
     assert counters["steps"] < 100
 
