@@ -158,8 +158,12 @@ class WorkerProcess:
 
     def kill(self) -> None:
         """End the process and whatever it has started, in whatever session."""
+        started = _descendants(self._popen.pid) if self.alive else []
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._popen.pid, signal.SIGKILL)
+        for process in started:  # some have neither its group nor its environment
+            with contextlib.suppress(psutil.Error):
+                process.kill()
         self._popen.wait()
         self.connection.close()
         for _ in range(_ROUNDS):
@@ -178,6 +182,13 @@ class WorkerProcess:
         own = os.fsencode(Path(__file__).with_name("worker.py"))
         frames = [frame for frame in frames if frame[0] != own] or frames
         return f" ({frames[0][0].decode(errors='replace')}:{int(frames[0][1])})" if frames else ""
+
+
+def _descendants(number: int) -> list[psutil.Process]:
+    """What a running process has started, and so on."""
+    with contextlib.suppress(psutil.Error):
+        return psutil.Process(number).children(recursive=True)
+    return []
 
 
 def _marked(mark: str) -> list[psutil.Process]:

@@ -69,8 +69,9 @@ class Leaves(Steady):
         if os.fork() == 0:
             os.setsid()
             time.sleep(1000)
-        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1000)", "left behind"],
-                         start_new_session=True)
+        for environment in (None, {}):
+            subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1000)", "left behind"],
+                             start_new_session=True, env=environment)
 
 class Anonymous(Steady):
     def misbehave(self):
