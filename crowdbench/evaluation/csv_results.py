@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.measured import OUTCOMES, is_proportion
 from crowdbench.evaluation.results import Cell, Origin, Result
+from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 
 Key = tuple[tuple[str, ...], int, str]
@@ -114,7 +115,7 @@ def _result(cell: Cell, row: Mapping[str, str], motions: Mapping[Key, Motion]) -
         int(row["steps"]),
         {name: float(row[name]) for name in names},
         row["error"],
-        json.loads(row["diagnostics"]),
+        _counters(row["diagnostics"]),
         Origin(machine=row["machine"], timestamp=row["timestamp"]),
         actions,
         times,
@@ -127,6 +128,16 @@ def _result(cell: Cell, row: Mapping[str, str], motions: Mapping[Key, Motion]) -
     if actions is not None and len(actions) != result.steps:
         raise ValueError(f"{result.steps} steps, but the whole episode has {len(actions)}")
     return result
+
+
+def _counters(text: str) -> dict[str, float]:
+    try:
+        found = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("diagnostics are nested too deeply") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"diagnostics {short(found)}, expected counters by name")
+    return found
 
 
 def _scenario(cell: Cell, beside: Path) -> Scenario | None:

@@ -124,6 +124,8 @@ def test_a_scenario_that_is_not_known_any_more_is_left_open(old):
         (lambda text: text.replace(",0,robot_0", ",zero,robot_0", 1), "line 2: .*invalid literal"),
         (lambda text: re.sub(r",(timeout|collision|success),\d", r",\1,7", text, count=1),
          r"line 2: .*success is 7.0, expected 0, 1 or nan"),
+        (lambda text: text.replace(",{},", ",5,"), "line 2: .*diagnostics 5, expected counters"),
+        (lambda text: text.replace(",{},", f",{'[' * 3000},"), "line 2: .*nested too deeply"),
     ],
 )  # fmt: skip
 def test_a_row_that_is_none_is_reported_with_file_and_line(old, tmp_path, capsys, change, told):
