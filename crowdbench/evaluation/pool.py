@@ -30,11 +30,11 @@ _STALLED = 0.02
 class Limits:
     """How long an agent's code may take [s].
 
-    The first calls are limited in processor time, so that a busy machine is not the agent's fault.
-    They are over as well when the process has done nothing for as long, or after ten times as long.
+    Calls are limited in processor time, so that a busy machine is not the agent's fault. They are
+    over as well when the process has done nothing for as long, or after ten times as long.
 
     Attributes:
-        step: ``reset`` and each ``act``, wall time.
+        step: ``reset`` and each ``act``.
         first: both together the first time in a process, when things are compiled and loaded;
             at least ``step``, and ``step`` once the agent has shown that it hangs.
         making: the agent's ``__init__`` and the import of its module.
@@ -166,16 +166,16 @@ class Pool:
         if call.running is None:
             self._progress.pop(process, None)
             return None
-        limit, kind = self._limits.step, ""
-        if call.step == MAKING or (call.step == WARM_UP and process.agent not in self._hung):
-            first = call.step == WARM_UP
-            limit = max(limit, self._limits.first) if first else self._limits.making
-            if call.running <= limit:
-                return None
-            kind = self._patience_lost(process, call.running, call.processor, limit)
-            if not kind:
-                return None
-        elif call.running <= limit:
+        limit = self._limits.step
+        if call.step == MAKING:
+            limit = self._limits.making
+        elif call.step == WARM_UP and process.agent not in self._hung:
+            limit = max(limit, self._limits.first)
+        if call.running <= limit:
+            self._progress.pop(process, None)
+            return None
+        kind = self._patience_lost(process, call.running, call.processor, limit)
+        if not kind:
             return None
         if call.step == WARM_UP:
             self._hung.add(process.agent)
@@ -190,7 +190,7 @@ class Pool:
     def _patience_lost(
         self, process: WorkerProcess, running: float, before: float, limit: float
     ) -> str:
-        """Why a first call is given up, as words to be added; empty while it is not."""
+        """Why a call is given up, as words to be added; empty while it is not."""
         now, used = time.monotonic(), process.processor_time()
         if used - before > limit:
             return " of processor time"
