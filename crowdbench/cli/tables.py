@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -45,6 +44,7 @@ def tables(
     They are made from published rows and one's own. The default study goes to results/ (or the
     folder of --results), others go to studies/NAME in the folder of one's own results.
     """
+    from crowdbench.evaluation.runner import core_count
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
     from crowdbench.study.library import load_study
@@ -56,7 +56,7 @@ def tables(
         raise UserError(str(error)) from error
     folder, home = results or RESULTS, results or PUBLISHED
     target = home if study == DEFAULT_STUDY else folder / "studies" / wanted.name
-    complete = not run or _run(wanted, folder, jobs or _cores(), alone=results is not None)
+    complete = not run or _run(wanted, folder, jobs or core_count(), alone=results is not None)
     begun = time.perf_counter()
     written = write_study(wanted, home, target, rows_for(results))
     console = out()
@@ -163,7 +163,3 @@ class _Display:
         if not self._console.is_terminal and time.monotonic() - self._told > _BETWEEN_LINES:
             self._console.print(f"{done:,} of {total:,} episodes, {left}")
             self._told = time.monotonic()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
