@@ -76,7 +76,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     values = per_episode(rows, METRICS)
     return {
         "agent": cell.agent,
-        "version": cell.version,
+        "version": str(rows["version"].iloc[-1]),
         "weights": cell.weights_sha256,
         "code": cell.code,
         "machines": sorted(set(rows["machine"])),
