@@ -124,6 +124,7 @@ def open_for_writing(folder: Path) -> Writer:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.exists():
             _create(path)
+        _require_file(path)
         connection = sqlite3.connect(path, PATIENCE, isolation_level=None, factory=Writer)
         try:
             connection.path, connection.file = path, _file(path)
@@ -148,6 +149,7 @@ def opened_for_reading(folder: Path) -> Iterator[sqlite3.Connection | None]:
         if not path.exists():
             yield None
             return
+        _require_file(path)
         with contextlib.closing(_readable(path)) as connection:
             yield connection
 
@@ -191,6 +193,14 @@ def require_writable(folder: Path) -> None:
             connection.execute("BEGIN IMMEDIATE")
             connection.execute(f"PRAGMA user_version = {SCHEMA}")  # finds a read-only file out
             connection.rollback()
+
+
+def _require_file(path: Path) -> None:
+    if not path.is_file():
+        raise ResultsError(
+            f"{path}: not a file (a folder, pipe or device); move it away or choose another folder "
+            "with --results"
+        )
 
 
 def _file(path: Path) -> tuple[int, int]:

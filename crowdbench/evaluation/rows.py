@@ -21,6 +21,8 @@ from crowdbench.messages import short
 _CELL = tuple(field.name for field in fields(Cell))
 _FIRST = (*_CELL, "seed", "robot", "outcome")
 _LAST = ("steps", "error", "diagnostics", *(field.name for field in fields(Origin)))
+COLUMNS = frozenset((*_FIRST, *_LAST, "source", "episode"))
+"""Names that no metric can have: of other columns, of what is joined to them, and of keys."""
 _INTEGERS = ("seed", "steps")
 _TEXTS = ("robot", "outcome", "error", "diagnostics", *_LAST[3:])
 _SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent")))

@@ -203,3 +203,14 @@ def test_what_is_written_to_a_file_that_is_gone_is_not_taken_for_stored(store, t
     assert re.search(r"results.sqlite: was removed, moved or replaced while it was in use", told)
     assert len(load_results(tmp_path)) == (what == "replaced")
     assert not aside.exists() or set(load_results(aside)["seed"]) >= set(range(11))
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_file_that_is_none_is_told_of(tmp_path, make):
+    make(tmp_path / FILE)
+    store = ResultsStore(tmp_path)
+    for action in (
+        lambda: store.append(CELL, [row(0)]), lambda: store.stored(CELL),
+        lambda: load_results(tmp_path), lambda: require_writable(tmp_path),
+    ):  # fmt: skip
+        assert refused(action).startswith(f"{tmp_path / FILE}: not a file (a folder, pipe or dev")
