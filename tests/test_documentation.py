@@ -18,6 +18,7 @@ PAGES = [
     "docs/add_an_agent.md",
     "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
+    "docs/onnx.md",
     "docs/write_a_scenario.md",
     "docs/add_a_walking_model.md",
     "docs/add_a_drive.md",
