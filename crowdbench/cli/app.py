@@ -17,6 +17,7 @@ from crowdbench.agent import AgentError
 from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
+from crowdbench.cli.export_minari import export_minari
 from crowdbench.cli.export_onnx import export_onnx
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
@@ -43,7 +44,7 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export, export_onnx, publish,
+    export, export_minari, export_onnx, publish,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)
