@@ -44,7 +44,7 @@ def tables(
     They are made from published rows and one's own. The default study goes to results/ (or the
     folder of --results), others go to studies/NAME in the folder of one's own results.
     """
-    from crowdbench.evaluation.runner import core_count
+    from crowdbench.evaluation.machine import core_count
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
     from crowdbench.study.library import load_study
