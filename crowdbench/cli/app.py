@@ -30,6 +30,7 @@ from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
 from crowdbench.cli.transfer import export, import_results
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.metric import MetricError
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import ScenarioError
@@ -60,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
     except (
-        UserError, ScenarioError, AgentError, ResultsError, MetricError, UnknownNameError
+        UserError, ScenarioError, AgentError, ResultsError, MetricError, ExecutorError,
+        UnknownNameError,
     ) as error:  # fmt: skip
         console = err()
         console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)

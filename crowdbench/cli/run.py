@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import sys
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -13,6 +15,8 @@ from crowdbench.cli.common import (
     DEFAULT_AGENT,
     DEFAULT_SCENARIO,
     RESULTS,
+    AddressOption,
+    ExecutorOption,
     ResultsOption,
     SetOption,
     out,
@@ -45,6 +49,8 @@ def run(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
+    executor: ExecutorOption = "local",
+    address: AddressOption = None,
     overrides: SetOption = None,
     results: ResultsOption = RESULTS,
     step_limit: Annotated[
@@ -78,13 +84,18 @@ def run(
     seeds = range(seed, seed + episodes)
     tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
     missing: Sequence[Missing] = ()
-    with ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar:
+    with (
+        ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar,
+        contextlib.redirect_stdout(sys.stderr),  # what executors' libraries have to say
+    ):
         try:
             cells = run_tasks(
                 tasks,
                 results,
                 jobs=jobs,
                 limits=Limits(step=step_limit),
+                executor=executor,
+                address=address,
                 retry_errors=retry_errors,
                 on_progress=bar.update,
                 on_note=bar.note,
