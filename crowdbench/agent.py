@@ -157,6 +157,10 @@ class Agent(ABC):
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""
 
+    version: ClassVar[str | None] = None
+    """Of what an installed agent does, raised whenever it decides otherwise: stored episodes of
+    another version are not its own. None: its distribution's. A subclass states one of its own."""
+
     @abstractmethod
     def reset(self, robot: RobotSpec, seed: int) -> None:
         """Start an episode. All randomness of the agent comes from ``seed``.

@@ -67,6 +67,7 @@ class LatentPlanner(LearnedAgent):
         threads: used to plan; None means as many as PyTorch uses.
     """
 
+    version: ClassVar[str] = "0.1.0"
     trainer: ClassVar[str] = "latent_planner"
     folder: ClassVar[Path] = Path(__file__).parent / "weights"
     own_weights: ClassVar[str] = "social"

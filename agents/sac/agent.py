@@ -22,6 +22,7 @@ class Sac(LearnedAgent):
         weights: name of shipped weights, or path of a ``.safetensors`` file.
     """
 
+    version: ClassVar[str] = "0.1.0"
     trainer: ClassVar[str] = "sac"
     folder: ClassVar[Path] = Path(__file__).parent / "weights"
 

@@ -8,7 +8,7 @@ loss.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,11 @@ import torch
 from crowdbench_agents.learning import training
 from crowdbench_agents.learning.config import Config, load_config
 from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.inputs import Inputs
-from crowdbench_agents.learning.training import TrainingRun
+from crowdbench_agents.learning.run import TrainingRun
 from crowdbench_agents.learning.validation import Act, PolicyInput
+from crowdbench_agents.learning.vector_env import VectorEnv
 from crowdbench_agents.sac.adapters import CrowdReplay, CrowdVecEnv, MapFeatures
 from crowdbench_agents.sac.networks import FORMAT, SacActor
 from numpy.typing import NDArray
@@ -40,6 +42,10 @@ class SacRun(TrainingRun):
     def __init__(self, folder: Path, config: Config, seed: int, social: bool) -> None:
         super().__init__(folder, config, seed, social)
         settings = config.training
+        count = settings.environments
+        self.envs = VectorEnv(count, self.sampler, config.perception.geometry)
+        labelled = np.arange(count - settings.labelled_environments, count)
+        self.experts = Experts(settings.expert, self.envs, labelled)
         features = {
             "cells": config.perception.cells, "settings": config.model,
             "bfloat16": settings.bfloat16,
@@ -94,9 +100,9 @@ class SacRun(TrainingRun):
         """Whether Stable-Baselines3 would begin to learn."""
         return self.steps > self.model.learning_starts
 
-    def begin(self) -> None:
+    def begin(self, say: Callable[[str], None]) -> None:
         """Start an episode in every environment."""
-        self.replay.mark_episode_ends()
+        self.replay.mark_episode_ends(np.arange(self.envs.count))
         _, self._callback = self.model._setup_learn(ENDLESS, reset_num_timesteps=False)
 
     def step(self) -> None:
@@ -187,6 +193,9 @@ class SacRun(TrainingRun):
         torch.set_rng_state(state["torch_rng"])
         model.num_timesteps, model._n_updates = state["steps"], state["updates"]
 
+    def close(self) -> None:
+        """Nothing was started."""
+
     def _entropy(self) -> tuple[torch.Tensor, torch.optim.Optimizer]:
         """Logarithm of the entropy coefficient and its optimiser, there because it is tuned."""
         log_alpha, optimizer = self.model.log_ent_coef, self.model.ent_coef_optimizer
@@ -211,7 +220,7 @@ def train(
         overrides: fields of the shipped configuration, e.g. ``{"training.warmup": 0}``.
     """
     config = load_config().override(overrides or {})
-    return training.train(
+    return training.train_run(
         SacRun, name, config,
         minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
     )  # fmt: skip

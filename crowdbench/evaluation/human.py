@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from collections.abc import Iterable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from crowdbench.evaluation.results import Cell, Origin, ResultsStore, scenario_l
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario
+from crowdbench.simulation import WORLD_VERSION
 from crowdbench.simulation.env import CrowdEnv
 
 HUMAN = "human"
@@ -189,7 +189,7 @@ def human_cell(scenario: Scenario) -> Cell:
         scenario_digest=scenario.digest,
         agent=HUMAN,
         options="{}",
-        version=version("crowdbench-nav"),
+        world=WORLD_VERSION,
         weights_sha256="",
         code="keyboard",
     )

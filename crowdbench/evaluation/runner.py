@@ -13,7 +13,6 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,7 @@ from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario, ScenarioError
+from crowdbench.simulation import WORLD_VERSION
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ def _cell(task: Task, identity: Described) -> Cell:
         scenario_digest=task.scenario.digest,
         agent=str(task.agent),
         options=json.dumps(dict(task.agent.options), sort_keys=True, default=str),
-        version=version("crowdbench-nav"),
+        world=WORLD_VERSION,
         weights_sha256=identity.weights_sha256,
         code=identity.code,
     )
