@@ -17,6 +17,7 @@ from crowdbench.agent import AgentError
 from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
+from crowdbench.cli.merge import merge
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
 from crowdbench.cli.recompute import recompute
@@ -43,7 +44,7 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export, publish,
+    export, merge, publish,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)

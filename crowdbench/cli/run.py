@@ -21,6 +21,7 @@ from crowdbench.cli.common import (
     SetOption,
     out,
 )
+from crowdbench.cli.shard import Shard
 from crowdbench.scenario import load_scenario, parse_overrides
 
 MOST_EPISODES = 1_000_000
@@ -51,6 +52,14 @@ def run(
     ] = None,
     executor: ExecutorOption = "local",
     address: AddressOption = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Run the I-th of N parts alone, to shard-I-of-N in the results folder; "
+            "crowdbench merge puts them together.",
+        ),
+    ] = None,
     overrides: SetOption = None,
     results: ResultsOption = RESULTS,
     step_limit: Annotated[
@@ -82,6 +91,9 @@ def run(
     worlds = [load_scenario(name, **changes) for name in names]
     specs = {str(spec): spec for spec in map(AgentSpec.parse, agent or [DEFAULT_AGENT])}
     seeds = range(seed, seed + episodes)
+    if shard is not None:
+        part = Shard.parse(shard)
+        seeds, results = part.seeds(seeds), part.folder(results)
     tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
     missing: Sequence[Missing] = ()
     with (
