@@ -12,13 +12,21 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
+from crowdbench_agents.learning import kind
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.inputs import ACTION, Inputs
-from crowdbench_agents.sac.networks import Critic, Policy, encode
+from crowdbench_agents.learning.stopwatch import Stopwatch
+from crowdbench_agents.learning.validation import Act, PolicyInput
+from crowdbench_agents.sac.networks import Critic, Policy, encode, make_policy
+from numpy.typing import NDArray
 from torch import Tensor
+
+BATCH = 256
+CPU = torch.device("cpu")
 
 
 class Transitions(NamedTuple):
@@ -56,19 +64,23 @@ def transitions(batch: Batch, discount: float) -> Transitions:
     )
 
 
-class Learner:
+class Learner(kind.Learner):
     """Trains an actor and its critics.
 
     Args:
         config: all settings.
         seed: of the initial parameters and of the noise in the losses.
+        device: where the networks are trained.
     """
 
-    def __init__(self, config: Config, seed: int) -> None:
+    count = BATCH
+
+    def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
-        self.config = config
+        self.config, self.horizon = config, config.loss.n_step
+        self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
-        self.network = Policy(config.perception.cells, config.model)
+        self.actor = make_policy(config)
         self.critic = Critic(config.perception.cells, config.model)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         entropy = max(config.loss.entropy, 1e-8)
@@ -78,13 +90,18 @@ class Learner:
         self.updates = 0
         self._parameters: dict[str, list[Tensor]] = {
             "critic": list(self.critic.parameters()),
-            "policy": list(self.network.parameters()),
+            "actor": list(self.actor.parameters()),
             "alpha": [self.log_alpha],
         }
         self._optimizers = {
             name: torch.optim.Adam(parameters, fused=True)
             for name, parameters in self._parameters.items()
         }
+
+    @property
+    def network(self) -> Policy:
+        """The actor."""
+        return self.actor
 
     @property
     def alpha(self) -> float:
@@ -105,12 +122,12 @@ class Learner:
         batch = batch._replace(reward=batch.reward * config.training.reward_scale)
         seen, taken, returns, discount, later = transitions(batch, config.loss.discount)
         noise = torch.randn(2, *taken.shape, generator=self.generator)
-        policy = self.network
-        action, log_prob = policy.sample(self._features(policy, seen), noise[0])
+        actor = self.actor
+        action, log_prob = actor.sample(self._features(actor, seen), noise[0])
 
         # The critic: Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
         with torch.no_grad():
-            next_action, next_log_prob = policy.sample(self._features(policy, later), noise[1])
+            next_action, next_log_prob = actor.sample(self._features(actor, later), noise[1])
             next_q = self.target(self._features(self.target, later), next_action).amin(dim=0)
             target = returns + discount * (next_q - alpha * next_log_prob)
         q = self.critic(self._features(self.critic, seen), taken)
@@ -124,7 +141,7 @@ class Learner:
         error = (action - batch.reference[0]).square().sum(dim=-1) * batch.labelled[0]
         imitation = config.expert_weight(self.updates) * error
         actor_loss = (alpha * log_prob - value + imitation).mean()
-        self._step("policy", actor_loss)
+        self._step("actor", actor_loss)
 
         entropy = -log_prob.detach().mean()
         self._step("alpha", self.log_alpha * (entropy - self._wanted_entropy))
@@ -153,10 +170,27 @@ class Learner:
                     "and resume from the last checkpoint"
                 )
 
+    def scalars(self) -> dict[str, float]:
+        """The entropy coefficient."""
+        return {"alpha": self.alpha}
+
+    def policy(self) -> Act:
+        """Act by the mean of the present actor."""
+
+        @torch.no_grad()
+        def act(given: PolicyInput) -> NDArray[np.float32]:
+            return self.actor(Inputs(*map(torch.from_numpy, given.sensed))).numpy()
+
+        return act
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The parameters of what acts."""
+        return self.actor.tensors()
+
     def state(self) -> dict[str, Any]:
         """Everything needed to continue, as tensors and numbers."""
         return {
-            "policy": self.network.state_dict(),
+            "actor": self.actor.state_dict(),
             "critic": self.critic.state_dict(),
             "target": self.target.state_dict(),
             "optimizers": {name: o.state_dict() for name, o in self._optimizers.items()},
@@ -165,9 +199,9 @@ class Learner:
             "generator": self.generator.get_state(),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned."""
-        self.network.load_state_dict(state["policy"])
+        self.actor.load_state_dict(state["actor"])
         self.critic.load_state_dict(state["critic"])
         self.target.load_state_dict(state["target"])
         for name, optimizer in self._optimizers.items():

@@ -57,7 +57,7 @@ class SacActor(nn.Module):
         return torch.tanh(self.mean(self.hidden(features)))
 
 
-class Policy(nn.Module):
+class Policy(SacActor):
     """pi: a Gaussian whose mean and spread depend on the observation, squashed by tanh.
 
     Args:
@@ -65,14 +65,8 @@ class Policy(nn.Module):
     """
 
     def __init__(self, cells: int, settings: Model) -> None:
-        super().__init__()
-        self.actor = SacActor(cells, settings)
+        super().__init__(cells, settings)
         self.log_std = nn.Linear(settings.hidden, ACTION)
-
-    @property
-    def encoder(self) -> Encoder:
-        """The actor's."""
-        return self.actor.encoder
 
     def sample(self, features: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Draw a = tanh(mean + std * noise); noise (B, 2) is standard normal.
@@ -80,12 +74,25 @@ class Policy(nn.Module):
         Returns:
             The action (B, 2) and log pi(a given the observation) (B,), the tanh included.
         """
-        hidden = self.actor.hidden(features)
+        hidden = self.hidden(features)
         log_std = self.log_std(hidden).clamp(*_LOG_STD)
-        action = torch.tanh(self.actor.mean(hidden) + log_std.exp() * noise)
+        action = torch.tanh(self.mean(hidden) + log_std.exp() * noise)
         log_prob = -0.5 * noise.square() - log_std - 0.5 * math.log(2 * math.pi)
         log_slope = torch.log(1 - action.square() + _TANH_SLOPE)
         return action, (log_prob - log_slope).sum(dim=-1)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The parameters of what acts, a ``SacActor``."""
+        return {
+            name: tensor
+            for name, tensor in self.state_dict().items()
+            if not name.startswith("log_std.")
+        }
+
+
+def make_policy(config: Config) -> Policy:
+    """The policy of a configuration, with random parameters."""
+    return Policy(config.perception.cells, config.model)
 
 
 class Critic(nn.Module):

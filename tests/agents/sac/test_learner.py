@@ -44,17 +44,17 @@ def in_their_form(batch, discount, scale):
 
 def of_their_networks(model):
     """Parameters of Stable-Baselines3's networks under our names."""
-    actor = model.actor
-    policy = {
-        "actor.encoder": actor.features_extractor.encoder, "actor.hidden": actor.latent_pi,
-        "actor.mean": actor.mu, "log_std": actor.log_std,
+    theirs = model.actor
+    actor = {
+        "encoder": theirs.features_extractor.encoder, "hidden": theirs.latent_pi,
+        "mean": theirs.mu, "log_std": theirs.log_std,
     }  # fmt: skip
 
     def critic(of):
         encoder = {"encoder": of.features_extractor.encoder}
         return encoder | {f"q_networks.{i}": network for i, network in enumerate(of.q_networks)}
 
-    networks = {"policy": policy, "critic": critic(model.critic)}
+    networks = {"actor": actor, "critic": critic(model.critic)}
     networks["target"] = critic(model.critic_target)
     return {
         name: {f"{part}.{key}": value for part, module in parts.items()
@@ -80,7 +80,7 @@ def test_updates_are_those_of_stable_baselines(tiny, sequences, reference_sac, s
     changes = {"loss.expert": 2.0, "loss.expert_end": 0.5, "training.expert_updates": 4}
     config = tiny(**changes, **{"training.target_rate": 0.2})
     ours, model = Learner(config, seed=0), reference_sac(config, Unused(space), seed=1)
-    networks = {"policy": ours.network, "critic": ours.critic, "target": ours.target}
+    networks = {"actor": ours.actor, "critic": ours.critic, "target": ours.target}
     for name, tensors in of_their_networks(model).items():
         networks[name].load_state_dict(tensors)
     model.set_logger(Logger(None, []))
@@ -164,7 +164,7 @@ def test_a_restored_learner_goes_on_as_if_nothing_had_happened(tmp_path, tiny, s
     second.restore(torch.load(tmp_path / "state.pt", weights_only=True))
     for batch in batches[2:]:
         second.update(batch)
-    for name in ("network", "critic", "target"):
+    for name in ("actor", "critic", "target"):
         pairs = zip(
             getattr(straight, name).parameters(), getattr(second, name).parameters(), strict=True
         )
@@ -177,7 +177,7 @@ def test_a_diverged_training_is_stopped(tiny, sequences):
     terms = learner.update(sequences(3, 8))
     learner.check({key: float(value) for key, value in terms.items()})
     with torch.no_grad():
-        learner.network.actor.mean.bias[0] = float("nan")
+        learner.actor.mean.bias[0] = float("nan")
     terms = learner.update(sequences(3, 8))
     with pytest.raises(TrainingError, match="is nan after 2 updates; lower the learning rate"):
         learner.check({key: float(value) for key, value in terms.items()})
@@ -188,6 +188,6 @@ def test_networks_learn_in_bfloat16_where_it_is_asked_for_and_the_cpu_is_fast_at
     instructions, asked, arithmetic, tiny, sequences
 ):
     learner = Learner(tiny(**{"training.bfloat16": asked}), seed=0)
-    for network in (learner.network, learner.critic, learner.target):
+    for network in (learner.actor, learner.critic, learner.target):
         found = arithmetic(network.encoder, lambda: learner.update(sequences(3, 4)))
         assert found == {torch.bfloat16 if asked and instructions else torch.float32}

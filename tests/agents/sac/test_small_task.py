@@ -55,24 +55,25 @@ def as_inputs(seen):
 def trained(config, env):
     """Our learner; it acts and learns in turn, from the replay of all learned agents."""
     learner, rng = Learner(config, seed=0), np.random.default_rng(0)
-    policy, replay = learner.network, Replay(1, 2 * STEPS, 16)
+    actor, replay = learner.actor, Replay(1, 2 * STEPS, 16)
     nobody, no, nothing = np.zeros(1, np.uint8), np.zeros(1, bool), np.zeros((1, 2), np.float32)
+    lane = np.zeros(1, np.int64)
     seen, _ = env.reset(seed=1000)
     for step in range(STEPS):
         if step < RANDOM:
             action = rng.uniform(-1, 1, (1, 2)).astype(np.float32)
         else:
             with torch.no_grad():
-                features = encode(policy.encoder, as_inputs(seen), bfloat16=False)
-                action = policy.sample(features, torch.randn(1, 2))[0].numpy()
+                features = encode(actor.encoder, as_inputs(seen), bfloat16=False)
+                action = actor.sample(features, torch.randn(1, 2))[0].numpy()
         after, reward, _, late, _ = env.step(action[0])
         result = Outcomes(np.array([reward]), np.zeros(1), no, no | late, np.array(["running"]))
         before, behind = (Sensed(*(x[None] for x in given.values())) for given in (seen, after))
-        replay.append_step(before, action, result, nothing, nobody, behind)
+        replay.append_step(lane, before, action, result, nothing, nobody, behind)
         seen = env.reset()[0] if late else after
         if step >= RANDOM:
             learner.update(replay.sample(BATCH, 1, rng))
-    return lambda seen: policy.actor(as_inputs(seen)).detach().numpy()[0]
+    return lambda seen: actor(as_inputs(seen)).detach().numpy()[0]
 
 
 @pytest.mark.slow

@@ -9,15 +9,16 @@ import pytest
 import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
+from crowdbench_agents.learning.kind_run import KindRun
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
-from crowdbench_agents.sac.training import BATCH, SacRun, train
+from crowdbench_agents.sac.training import KIND, train
 
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = SacRun(folder / "run", config, seed=0, social=True)
-    actor = run.learner.network.actor
+    run = KindRun(KIND, folder / "run", config, seed=0, social=True)
+    run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
     def error():
@@ -46,8 +47,8 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = SacRun(folder / "run", config, seed=0, social=True)
-    run.begin()
+    run = KindRun(KIND, folder / "run", config, seed=0, social=True)
+    run.begin(print)
     for _ in range(steps):
         run.step()
     assert run.steps == run.decisions == 4 * steps
@@ -55,26 +56,17 @@ def acted(folder, config, steps=20):
 
 
 def test_labels_reach_the_replay_of_labelled_environments_only(in_empty_folder, tiny):
-    run = acted(in_empty_folder, tiny())
+    config = tiny()
+    run = acted(in_empty_folder, config)
     data = run.replay._data
     labelled = [data.source[lane, : run.replay.lengths()[lane]].any() for lane in range(4)]
     assert labelled == [False, False, True, True]
-    assert run.sample(BATCH, 3).labelled.shape == (3, BATCH)
+    assert (run.learner.count, run.learner.horizon) == (256, config.loss.n_step)
 
 
 def test_without_labelled_environments_nothing_is_labelled(in_empty_folder, tiny):
     run = acted(in_empty_folder, tiny(**{"training.labelled_environments": 0}), steps=5)
     assert not run.replay._data.source.any()
-
-
-@pytest.mark.parametrize(("demonstrations", "begins"), [(0, 16), (600, 0)])
-def test_updates_begin_when_there_is_something_to_learn_from(
-    in_empty_folder, tiny, demonstrations, begins
-):
-    config = tiny(**{"training.demonstrations": demonstrations})
-    run = acted(in_empty_folder, config, steps=begins)
-    assert run.updates_begin
-    assert begins == 0 or not acted(in_empty_folder, config, begins - 1).updates_begin
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
