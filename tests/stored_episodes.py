@@ -23,11 +23,21 @@ class Episodes:
     def __init__(self, folder):
         self.folder = folder
 
-    def add(self, agent, scenario="unimodal_slow", first=0, robot="robot_0", fixed=None, **values):
+    def add(
+        self,
+        agent,
+        scenario="unimodal_slow",
+        first=0,
+        robot="robot_0",
+        fixed=None,
+        older=(),
+        **values,
+    ):
         """Store episodes with seeds from ``first`` on.
 
         ``values``: a list of numbers per metric, one per episode; other metrics are NaN.
         ``fixed``: other columns, e.g. ``{"machine": "m"}``.
+        ``older``: metrics that the episodes were never measured with.
         """
         facts = {
             "scenario": scenario,
@@ -51,7 +61,9 @@ class Episodes:
         results = []
         for number in range(len(next(iter(values.values())))):
             metrics = {
-                name: float(values.get(name, {number: math.nan})[number]) for name in METRICS
+                name: float(values.get(name, {number: math.nan})[number])
+                for name in METRICS
+                if name not in older
             }
             results.append(
                 Result(

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.evaluation.measured import NOT_COMPUTED, lacking
 from crowdbench.evaluation.results import Cell, ResultsError, slug
 from crowdbench.messages import short
 from crowdbench.scenario import ScenarioError, load_scenario
@@ -51,6 +52,8 @@ _IDENTITY = tuple(field.name for field in fields(Cell))
 _LAST = ("steps", "error", "diagnostics", "machine", *VERSIONS, "timestamp")
 _FACTS = ("robot", "outcome", *_LAST[1:])
 _FIRST = (*_IDENTITY, "seed", "robot", "outcome")
+_ADDED = ("source", NOT_COMPUTED)
+"""Columns that rows have once they are read; no file has them."""
 _ARRAYS = ("seeds", "robots", "lengths", "commands", "inference")
 _DAMAGE = (
     OSError, EOFError, ValueError, KeyError, OverflowError, zlib.error, zipfile.BadZipFile
@@ -157,7 +160,7 @@ def read_record(
         else:
             tables.append(rows)
     if not tables:
-        return Published(pd.DataFrame(columns=[*_FIRST, *_LAST, "source"]), outdated)
+        return Published(pd.DataFrame(columns=[*_FIRST, *_LAST, *_ADDED]), outdated)
     found = pd.concat(tables, ignore_index=True)
     found["source"] = "published"
     order = ["scenario", "agent", "seed", "robot"]
@@ -291,7 +294,7 @@ def _read_rows(path: Path) -> pd.DataFrame:
         reason = " ".join(str(error).split())
         raise ResultsError(f"{path}: not rows of the record ({reason})") from error
     check_rows(rows, path)
-    return rows
+    return rows.assign(**{NOT_COMPUTED: lacking(names)})
 
 
 def _require_one_cell(rows: pd.DataFrame, path: Path) -> None:
@@ -329,7 +332,10 @@ def _read_arrays(path: Path, cell: Cell) -> dict[str, NDArray[np.generic]] | Non
 
 def _normal(cell: Cell, rows: pd.DataFrame, where: str) -> pd.DataFrame:
     """Rows with all columns in the record's order, sorted by seed and robot."""
-    table = rows.drop(columns=["source"], errors="ignore").copy()
+    older = [set(text.split()) for text in set(rows.get(NOT_COMPUTED, default=[""]))]
+    # A column says that all rows were measured with a metric.
+    absent = set.intersection(*older) if older else set()
+    table = rows.drop(columns=[*_ADDED, *absent], errors="ignore").copy()
     for name, value in asdict(cell).items():
         table[name] = table.get(name, value)
     for name in VERSIONS:

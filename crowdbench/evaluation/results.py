@@ -21,7 +21,7 @@ import sqlite3
 import warnings
 import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -118,12 +118,15 @@ class Origin:
     timestamp: str = ""
 
     @classmethod
-    def here(cls, machine: str) -> Origin:
-        """This process, now."""
-        now = datetime.now(UTC).isoformat(timespec="seconds")
+    def of(cls, machine: str) -> Origin:
+        """This process, which runs on a machine of this name, at no particular time."""
         libraries = {name: version(name) for name in ("pymunk", "numpy", "torch")}
         own = version("crowdbench-nav")
-        return cls(machine, platform.machine(), own, timestamp=now, **libraries)
+        return cls(machine, platform.machine(), own, **libraries)
+
+    def now(self) -> Origin:
+        """The same place with the time that it is."""
+        return replace(self, timestamp=datetime.now(UTC).isoformat(timespec="seconds"))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell
+from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.statistics import estimates, per_episode
 from crowdbench.scenario import Scenario, scenario_names
 
@@ -92,6 +93,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame, planned: int) -> dict[str, An
             [int(seed), str(error)]
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
+        "not_computed": [name for name, count in not_computed(rows).items() if count == len(rows)],
         "estimates": [list(found) for found in estimates(METRICS, values).values()],
     }
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from crowdbench import load_scenario
+from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.record import (
     INSTALLED_SEEDS,
     VERSIONS,
@@ -82,7 +83,16 @@ def only_file(folder, kind):
 def test_rows_come_back_to_the_last_bit(written):
     found = load_record(folder=written)
     assert set(found.pop("source")) == {"published"}
+    columns = ("success", "spl", "time_to_goal")
+    (lacking,) = set(found.pop("not_computed"))
+    assert lacking.split() == [name for name in METRICS if name not in columns]
     pd.testing.assert_frame_equal(found, rows_of(), check_exact=True)
+
+
+def test_a_metric_that_no_row_was_measured_with_has_no_column(tmp_path):
+    write_cell(tmp_path, CELL, rows_of().assign(jerk=np.nan, not_computed="spl jerk"), {})
+    found = load_record(folder=tmp_path)
+    assert "jerk" not in found and "spl" not in found and "time_to_goal" in found
 
 
 def test_rows_are_chosen_by_scenario_and_agent(written):

@@ -62,7 +62,7 @@ def test_a_row_says_everything_about_its_episode(store, make_episode):
     episode = make_episode(
         [[0, 0, 0], [0.1, 0, 0]], seed=7, error="it\nbroke\x1b[31m", diagnostics={"fails": 2.0}
     )
-    origin = Origin.here("a machine, 2 cores")
+    origin = Origin.of("a machine, 2 cores").now()
     store.append(CELL, [Result.of(episode, metrics(episode), origin)])
     (stored,) = store.rows(CELL).to_dict("records")
     assert stored["scenario"] == "by_hand"
