@@ -27,6 +27,7 @@ from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Heartbeat
 from crowdbench.evaluation.keeper import keep
 from crowdbench.evaluation.protocol import (
+    MOST_WARNINGS,
     Answer,
     Broken,
     Describe,
@@ -142,7 +143,9 @@ class _Worker:
 
     def _note_warning(self, message: Warning | str, *place: Any, **more: Any) -> None:
         """Keep a warning for the parent, which shows each once however many processes there are."""
-        self._warned.append(" ".join(str(message).split())[:_LONGEST_WARNING])
+        text = " ".join(str(message).split())[:_LONGEST_WARNING]
+        if text not in self._warned and len(self._warned) <= MOST_WARNINGS:
+            self._warned.append(text)
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv
