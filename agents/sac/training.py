@@ -100,7 +100,7 @@ class SacRun(TrainingRun):
         """Whether Stable-Baselines3 would begin to learn."""
         return self.steps > self.model.learning_starts
 
-    def begin(self, say: Callable[[str], None]) -> None:
+    def begin(self, say: Callable[[str], None], stopping: Callable[[], bool]) -> None:
         """Start an episode in every environment."""
         self.replay.mark_episode_ends(np.arange(self.envs.count))
         _, self._callback = self.model._setup_learn(ENDLESS, reset_num_timesteps=False)
@@ -192,6 +192,10 @@ class SacRun(TrainingRun):
             log_alpha.copy_(state["log_alpha"])
         torch.set_rng_state(state["torch_rng"])
         model.num_timesteps, model._n_updates = state["steps"], state["updates"]
+
+    def spent(self) -> dict[str, float]:
+        """Nothing is measured."""
+        return {}
 
     def close(self) -> None:
         """Nothing was started."""
