@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from crowdbench.evaluation.metric import Metric, MetricError
+from crowdbench.evaluation.metrics import METRICS
 
 
 def metric(value=0.5, kind="mean", **fields):
@@ -96,3 +97,10 @@ def test_numbers_have_the_decimals_of_the_entry_or_two_significant_digits(
     fields, value, beside, printed
 ):
     assert metric(**fields).number(value, beside) == printed
+
+
+@pytest.mark.parametrize("name", ["seed", "world", "Steps", "source", "EPISODE", "SPL", "torch"])
+def test_a_name_of_another_column_is_refused(name):
+    with pytest.raises(ValueError, match=f"metric {name!r}: the results have a column "):
+        METRICS.register(name, metric())
+    assert name not in METRICS
