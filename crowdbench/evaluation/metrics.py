@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from crowdbench.evaluation import interactions
 from crowdbench.evaluation.episode import Episode
-from crowdbench.evaluation.metric import Direction, Metric
+from crowdbench.evaluation.metric import Direction, Metric, MetricError
 from crowdbench.evaluation.shortest_path import shortest_path
 from crowdbench.registry import Registry
 from crowdbench.simulation.contact import ContactKind
@@ -36,6 +36,9 @@ def metrics(episode: Episode) -> dict[str, float]:
         MetricError: one that cannot be computed.
         UnknownNameError: one of another package that cannot be loaded.
     """
+    for name, metric in METRICS.items():
+        if metric.weight and metric.weight not in METRICS:
+            raise MetricError(f"metric {name!r}: weight: {METRICS.unknown(metric.weight)}")
     return {name: metric.measure(name, episode) for name, metric in METRICS.items()}
 
 
