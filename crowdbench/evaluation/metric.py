@@ -10,6 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
 
@@ -19,6 +22,11 @@ ARROWS: dict[Direction, str] = {"higher": "↑", "lower": "↓"}
 
 _NOTHING = 1e-12
 """Below this a number is zero but for rounding."""
+
+
+def mean(values: NDArray[np.floating] | NDArray[np.bool_]) -> float:
+    """The mean of an array, NaN where there is nothing."""
+    return float(values.mean()) if values.size else math.nan
 
 
 class MetricError(ValueError):
