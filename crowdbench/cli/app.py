@@ -17,6 +17,8 @@ from crowdbench.agent import AgentError
 from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
+from crowdbench.cli.export_minari import export_minari
+from crowdbench.cli.export_onnx import export_onnx
 from crowdbench.cli.merge import merge
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
@@ -44,7 +46,7 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export, merge, publish,
+    export, export_minari, export_onnx, merge, publish,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)
