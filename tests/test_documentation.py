@@ -27,6 +27,7 @@ PAGES = [
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
     "docs/write_a_study.md",
+    "docs/clusters.md",
 ]
 
 
