@@ -1,4 +1,4 @@
-"""Soft Actor-Critic as an agent: the trained actor's mean action, without Stable-Baselines3."""
+"""Soft Actor-Critic as an agent: the trained actor's mean action."""
 
 from __future__ import annotations
 

@@ -12,13 +12,14 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from crowdbench.evaluation.machine import core_count, machine_name
-from crowdbench.evaluation.pool import Limits, Pool
-from crowdbench.evaluation.protocol import Answer, Lost, Message
-from crowdbench.evaluation.results import Origin
 from crowdbench.registry import Registry
+
+if TYPE_CHECKING:
+    from crowdbench.evaluation.pool import Limits
+    from crowdbench.evaluation.protocol import Answer, Lost, Message
+    from crowdbench.evaluation.results import Origin
 
 
 class ExecutorError(RuntimeError):
@@ -97,49 +98,13 @@ class Executor(ABC):
         """
 
 
-class Local(Executor):
-    """Worker processes of this machine."""
-
-    def __init__(self, jobs: int | None, limits: Limits, address: str | None = None) -> None:
-        """Use one process per core by default; there is no address."""
-        if address is not None:
-            raise ExecutorError(
-                f"an address ({address}) is for executors on other machines; agents run on this one"
-            )
-        self._jobs = jobs or core_count()
-        self._pool = Pool(self._jobs, limits)
-        self._origin = Origin.of(machine_name())
-
-    def __enter__(self) -> Local:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        place: TracebackType | None,
-    ) -> None:
-        self._pool.__exit__(kind, error, place)
-
-    @property
-    def jobs(self) -> int:
-        """Worker processes."""
-        return self._jobs
-
-    def prepare(self, count: int) -> None:
-        """Start worker processes."""
-        self._pool.prepare(count)
-
-    def run(self, queue: deque[Message]) -> Iterator[Reply]:
-        """Yield answers as the processes give them."""
-        for message, answer in self._pool.run(queue):
-            yield Reply(message, answer, self._origin)
-
-
 EXECUTORS: Registry[type[Executor]] = Registry(
     "executor",
     "crowdbench.executors",
-    {"local": Local},
+    {
+        "local": "crowdbench.evaluation.local:Local",
+        "ray": "crowdbench.evaluation.ray_executor:RayExecutor",
+    },
     of=type,
 )
 """Subclasses of ``Executor`` by the name that ``--executor`` gives."""

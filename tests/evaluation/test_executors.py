@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from crowdbench import AgentSpec, load_scenario
-from crowdbench.evaluation.executors import EXECUTORS, ExecutorError, Local
+from crowdbench.evaluation.executors import EXECUTORS, ExecutorError
+from crowdbench.evaluation.local import Local
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Task, run
@@ -13,7 +14,8 @@ from crowdbench.registry import UnknownNameError
 
 TINY = load_scenario("multimodal_fast", name="tiny", time_limit=1, pedestrians={"count": 1})
 PACKAGE = """
-from crowdbench.evaluation.executors import Local, Reply
+from crowdbench.evaluation.executors import Reply
+from crowdbench.evaluation.local import Local
 from crowdbench.evaluation.results import Origin
 
 class Backwards(Local):
