@@ -69,8 +69,8 @@ def test_without_labelled_environments_nothing_is_labelled(in_empty_folder, tiny
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
-    folder = train("short", steps=100, overrides=overrides)
-    train("short", steps=160, resume=True, overrides=overrides)
+    folder = train("short", steps=100, overrides=overrides, actors=0)
+    train("short", steps=160, resume=True, overrides=overrides, actors=0)
     lines = (in_empty_folder / "results/training/short.csv").read_text().splitlines()
     steps = [int(line.split(",")[0]) for line in lines[1:]]
     updates = [int(line.split(",")[2]) for line in lines[1:]]
