@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -111,7 +112,7 @@ class RayExecutor(Executor):
     def prepare(self, count: int) -> None:
         """Start workers."""
         while len(self._workers) < min(count, self.jobs):
-            self._workers.append(_Worker(self._kind.remote(self._limits)))
+            self._workers.append(_Worker(self._kind.remote(self._limits, str(Path.cwd()))))
 
     def run(self, queue: deque[Message]) -> Iterator[Reply]:
         """Yield answers as they come from the nodes.

@@ -152,7 +152,7 @@ def test_a_node_that_dies_costs_its_chunk_which_another_one_does_again(tmp_path,
 @pytest.mark.slow
 def test_a_node_that_cannot_be_used_is_told_of_in_a_line(tmp_path, planner, cluster, monkeypatch):
     class Full(Node):
-        def __init__(self, limits):
+        def __init__(self, limits, folder):
             raise OSError("no space left")
 
     class Fails(Node):
