@@ -28,6 +28,7 @@ PAGES = [
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
     "docs/write_a_study.md",
+    "docs/clusters.md",
     pytest.param("docs/benchmarl.md", marks=pytest.mark.slow),
     pytest.param("docs/rllib.md", marks=pytest.mark.slow),
 ]

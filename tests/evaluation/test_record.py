@@ -192,7 +192,9 @@ def test_rows_that_0_1_0_has_stored_are_of_the_first_world(tmp_path):
 
 
 def test_commands_of_another_measurement_are_not_given_out(written):
-    assert record_commands(replace(CELL, weights_sha256="other"), 7, written) is None
+    other = replace(CELL, weights_sha256="other")
+    with pytest.warns(UserWarning, match=r"npz: commands of another measurement than the rows"):
+        assert record_commands(other, 7, written) is None
 
 
 def test_an_empty_record_has_no_rows(tmp_path):

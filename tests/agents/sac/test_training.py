@@ -1,7 +1,6 @@
 """SAC's training: it learns what its expert does, stops and goes on."""
 
 import contextlib
-import json
 import signal
 
 import numpy as np
@@ -96,7 +95,7 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     monkeypatch.setattr(Learner, "update", interrupted)
     changes = overrides | {"training.pretraining": pretraining}
     folder = train("short", steps=10_000, overrides=changes)
-    counters = json.loads(load_checkpoint(folder, FORMAT)["counters"])
+    counters = load_checkpoint(folder, FORMAT)["counters"]
     assert counters["updates"] == 1
     assert counters["steps"] < 100
 
