@@ -13,6 +13,7 @@ from crowdbench.agent import AgentSpec
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, Origin, Result, ResultsStore
 from crowdbench.scenario import load_scenario
+from crowdbench.simulation import WORLD_VERSION
 from crowdbench.study.measurements import Measurements
 
 
@@ -43,6 +44,7 @@ class Episodes:
             "scenario_digest": load_scenario(scenario).digest,
             "agent": agent,
             "options": json.dumps(dict(AgentSpec.parse(agent).options)),
+            "world": WORLD_VERSION,
             "version": "0.1.0",
             "weights_sha256": "",
             "code": "crowdbench-nav 0.1.0",
@@ -120,7 +122,9 @@ class Whole:
 
         world = load_scenario(scenario)
         agent_name, scenario_name = label or agent, name or scenario_label(world)
-        cell = Cell(scenario_name, world.digest, agent_name, "{}", "0.1.0", weights, "by hand")
+        cell = Cell(
+            scenario_name, world.digest, agent_name, "{}", WORLD_VERSION, weights, "by hand"
+        )
         store = ResultsStore(self.folder)
         origin = Origin(machine="a machine")
         for run in run_episode(world, agent, seed, label=agent_name):

@@ -22,25 +22,41 @@ from crowdbench_agents.learning.seeds import DEMONSTRATIONS
 from crowdbench_agents.learning.vector_env import VectorEnv
 from numpy.typing import NDArray
 
+import crowdbench
+
 LANES = 8
 BURST = 10  # steps between decisions whether noise is added
 NOISE = 0.7  # std of the noise in a burst, actions in [-1, 1]
 NOISE_CORRELATION = 0.8
 
 
-def open_replays(
-    folder: Path, config: Config, envs: VectorEnv, social: bool
-) -> tuple[Replay, Replay | None]:
-    """The replay of a run in ``folder``, and the demonstrations where it has some."""
-    settings, geometry = config.training, config.perception.geometry
-    detour = Detour(settings.detour_price, envs.robot.control_period)
-    rows = -(-settings.replay // envs.count)
-    replay = Replay(envs.count, rows, geometry.cells, social, detour, folder / "replay")
+def open_replay(folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool) -> Replay:
+    """The replay of a run in ``folder``; several processes may have it open.
+
+    Args:
+        folder: of the run.
+        config: all settings.
+        robot: that is trained with.
+        social: whether sampled rewards include the social term.
+    """
+    settings = config.training
+    detour = Detour(settings.detour_price, robot.control_period)
+    count = settings.environments
+    rows = -(-settings.replay // count)
+    return Replay(count, rows, config.perception.cells, social, detour, folder / "replay")
+
+
+def open_demonstrations(
+    folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
+) -> Replay | None:
+    """The demonstrations for a run in ``folder``, where it has some; arguments as above."""
+    settings = config.training
     if not settings.demonstrations:
-        return replay, None
-    return replay, load_demonstrations(
-        folder.parent, settings.expert, settings.demonstrations, geometry, social, detour
-    )
+        return None
+    return load_demonstrations(
+        folder.parent, settings.expert, settings.demonstrations, config.perception.geometry, social,
+        Detour(settings.detour_price, robot.control_period),
+    )  # fmt: skip
 
 
 def load_demonstrations(
@@ -69,7 +85,7 @@ def load_demonstrations(
     rows = -(-transitions // LANES) + 400
     replay = Replay(LANES, rows, geometry.cells, social, detour, folder)
     if len(replay) < transitions:
-        replay.mark_episode_ends()
+        replay.mark_episode_ends(np.arange(LANES))
         _record(replay, expert, transitions, geometry, progress)
     return replay
 
@@ -103,11 +119,11 @@ def _record(
         action = np.clip(reference + added * noisy[:, None], -1, 1).astype(np.float32)
         before = envs.sensed.copy()
         result = envs.step(everywhere, envs.bounds.physical(action))
-        replay.append_step(before, action, result, reference, source, envs.sensed)
+        replay.append_step(everywhere, before, action, result, reference, source, envs.sensed)
         age += 1
         begin(np.flatnonzero(result.over))
         progress(len(replay))
-    replay.mark_episode_ends()
+    replay.mark_episode_ends(everywhere)
 
 
 def _episodes(begun: int) -> Iterator[tuple[str, int]]:

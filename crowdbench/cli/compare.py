@@ -71,12 +71,12 @@ def _stored(folder: Path, text: str, scenarios: Sequence[str] | None) -> pd.Data
         known = sorted(set(published_and_local(folder)["agent"]))
         hint = nearest(name, known) if known else "; nothing is stored there"
         if outdated:
-            hint = f"; the record of {name!r} is of scenarios that are defined otherwise by now"
+            hint = f"; the record of {name!r} is {next(iter(outdated.values()))}"
         raise UserError(f"{folder}: no episodes of agent {name!r}{hint}")
     for scenario in scenarios or []:
         if scenario not in set(rows["scenario"]):
             hint = nearest(scenario, sorted(set(rows["scenario"])))
-            if (scenario, name) in read_record(scenario, name).outdated:
-                hint = f"; the record of {scenario!r} is of another definition than today's"
+            for reason in read_record(scenario, name).outdated.values():
+                hint = f"; the record of {scenario!r} is {reason}"
             raise UserError(f"{folder}: no episodes of {name!r} in scenario {scenario!r}{hint}")
     return rows[rows["scenario"].isin(scenarios)] if scenarios else rows

@@ -14,7 +14,7 @@ from crowdbench.evaluation import navigation_metrics as navigation
 from crowdbench.evaluation import social_metrics as social
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metric import Direction, Metric, MetricError
-from crowdbench.registry import Registry
+from crowdbench.registry import Registry, UnknownNameError
 
 
 def metrics(episode: Episode) -> dict[str, float]:
@@ -173,5 +173,21 @@ _BUILT_IN = {
     ),
 }  # fmt: skip
 
-METRICS: Registry[Metric] = Registry("metric", "crowdbench.metrics", _BUILT_IN, of=Metric)
+
+class _Metrics(Registry[Metric]):
+    """Metrics share their tables with other columns, whose names SQL reads in either case."""
+
+    def _checked(self, name: str, value: Metric) -> Metric:
+        from crowdbench.evaluation.rows import COLUMNS
+
+        taken = {other.lower(): other for other in (*COLUMNS, *self) if other != name}
+        if name in COLUMNS or name.lower() in taken:
+            raise UnknownNameError(
+                f"metric {name!r}: the results have a column {taken.get(name.lower(), name)!r}; "
+                "choose another name"
+            )
+        return super()._checked(name, value)
+
+
+METRICS: Registry[Metric] = _Metrics("metric", "crowdbench.metrics", _BUILT_IN, of=Metric)
 """Every metric by name: crowdbench's own in the order of the tables, then those of packages."""

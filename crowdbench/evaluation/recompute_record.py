@@ -111,8 +111,8 @@ def _cells(folder: Path, found: Recomputed) -> list[Cell]:
         if lacking < len(rows):
             cells.append(cell)
     found.without_commands += [
-        f"{agent} in {scenario}: rows of a scenario that is not known as it was"
-        for scenario, agent in published.outdated
+        f"{agent} in {scenario}: rows {reason}"
+        for (scenario, agent), reason in published.outdated.items()
     ]
     return cells
 

@@ -28,9 +28,12 @@ _CELL = tuple(field.name for field in fields(Cell))
 _FIRST = (*_CELL, "seed", "robot", "outcome")
 _ORIGIN = tuple(field.name for field in fields(Origin))
 _LAST = ("steps", "error", "diagnostics", *_ORIGIN, NOT_COMPUTED)
+COLUMNS = frozenset((*_FIRST, *_LAST, "source", "episode"))
+"""Names that no metric can have: of other columns, of what is joined to them, and of keys."""
 _INTEGERS = ("seed", "steps")
-_TEXTS = ("version", "robot", "outcome", "error", "diagnostics", *_ORIGIN)
-_SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent", "version")))
+_TEXTS = ("robot", "outcome", "error", "diagnostics", *_ORIGIN)
+_SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent")))
+_STORED_AS = {"world": "series"}
 _CHUNK = 1024
 
 
@@ -114,7 +117,8 @@ def _shared_facts(
     connection: sqlite3.Connection, cells: Sequence[int], path: Path
 ) -> dict[int, tuple[str, ...]]:
     """What all rows of a cell share, by its number."""
-    query = f"SELECT id, {', '.join(_SHARED)} FROM cells WHERE id IN ({_listed(cells)})"
+    names = (_STORED_AS.get(name, name) for name in _SHARED)
+    query = f"SELECT id, {', '.join(names)} FROM cells WHERE id IN ({_listed(cells)})"
     known = {row[0]: row[1:] for row in connection.execute(query)}
     for facts in known.values():
         for name, value in zip(_SHARED, facts, strict=True):

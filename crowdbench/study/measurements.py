@@ -69,6 +69,15 @@ class Measurements:
         rows = [self._rows(agent, scenario) for scenario in scenarios]
         return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
 
+    def paired(
+        self, first: tuple[str, tuple[str, ...]], second: tuple[str, tuple[str, ...]]
+    ) -> bool:
+        """Whether there is an episode that both ran; arguments as those of ``difference``."""
+        return any(
+            len(self._rows(first[0], one).index.intersection(self._rows(second[0], other).index))
+            for one, other in zip(first[1], second[1], strict=True)
+        )
+
     def _mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
         """Mean over the episodes of all scenarios."""
         entry = METRICS[metric]

@@ -100,6 +100,13 @@ def test_numbers_have_the_decimals_of_the_entry_or_two_significant_digits(
     assert metric(**fields).number(value, beside) == printed
 
 
+@pytest.mark.parametrize("name", ["seed", "world", "Steps", "source", "EPISODE", "SPL", "torch"])
+def test_a_name_of_another_column_is_refused(name):
+    with pytest.raises(ValueError, match=f"metric {name!r}: the results have a column "):
+        METRICS.register(name, metric())
+    assert name not in METRICS
+
+
 def test_a_weight_that_nothing_measures_is_said_by_name(make_episode, monkeypatch):
     monkeypatch.setitem(METRICS._known, "mine", metric(weight="path_lenght"))
     with pytest.raises(MetricError, match="metric 'mine': weight: unknown metric 'path_lenght'"):

@@ -88,7 +88,7 @@ def test_what_is_published_already_is_left_alone(local, record):
     assert before == {path: path.stat().st_mtime_ns for path in record.rglob("*")}
 
 
-@pytest.mark.parametrize("changed", [{"weights_sha256": "ff"}, {"version": "0.2.0"}])
+@pytest.mark.parametrize("changed", [{"weights_sha256": "ff"}, {"code": "a file"}])
 def test_another_measurement_replaces_a_whole_cell_or_nothing(local, record, changed):
     plan = [(SCENARIO, "orca", 100)]
     first, second = local("first"), local("second")

@@ -125,7 +125,9 @@ def test_rows_without_commands_are_listed_and_have_no_new_metric(record, steps_m
 def test_rows_of_a_scenario_as_it_was_are_listed(record, monkeypatch):
     monkeypatch.setattr("crowdbench.evaluation.record._digest_today", lambda scenario: "another")
     found = recompute_record(record)
-    assert found.without_commands == [f"{NAME}: rows of a scenario that is not known as it was"]
+    assert found.without_commands == [
+        f"{NAME}: rows of a scenario that is defined otherwise by now"
+    ]
     assert found.episodes == 0
 
 
