@@ -64,11 +64,6 @@ class Measurements:
         """How many episodes are stored."""
         return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
 
-    def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
-        """How many of the stored episodes are older than a metric and were not recomputed."""
-        rows = [self._rows(agent, scenario) for scenario in scenarios]
-        return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
-
     def paired(
         self, first: tuple[str, tuple[str, ...]], second: tuple[str, tuple[str, ...]]
     ) -> bool:
@@ -77,6 +72,11 @@ class Measurements:
             len(self._rows(first[0], one).index.intersection(self._rows(second[0], other).index))
             for one, other in zip(first[1], second[1], strict=True)
         )
+
+    def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
+        """How many of the stored episodes are older than a metric and were not recomputed."""
+        rows = [self._rows(agent, scenario) for scenario in scenarios]
+        return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
 
     def _mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
         """Mean over the episodes of all scenarios."""
