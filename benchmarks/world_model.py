@@ -27,7 +27,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
 from crowdbench_agents.geometry.footprint import advance, point_gap
 from crowdbench_agents.latent_planner.losses import model_loss
 from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel, load_world_model
@@ -45,6 +44,7 @@ from scipy.stats import rankdata
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 import crowdbench
+from crowdbench.strict_yaml import load_yaml
 
 SCENARIOS = ("unimodal_fast_nonreactive", "multimodal_fast_nonreactive")
 FIRST_SEED, GEOMETRY_SEED = WORLD_MODEL_TEST[0], WORLD_MODEL_TEST[50_000_000]
@@ -246,7 +246,7 @@ def main() -> None:
         parser.error("--retrain needs --weights")
     keep_freed_memory()
     torch.set_num_threads(1)
-    changes = {item.split("=")[0]: yaml.safe_load(item.split("=")[1]) for item in arguments.set}
+    changes = {item.split("=")[0]: load_yaml(item.split("=")[1]) for item in arguments.set}
     config = load_config().override(changes)
     console = Console()
     learned = [name for name in arguments.models if name != "geometry"]

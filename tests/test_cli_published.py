@@ -4,6 +4,7 @@ import json
 import webbrowser
 
 import pytest
+from crowdbench_studies.paper import STUDY as PAPER
 from PIL import Image
 from stored_episodes import Episodes
 
@@ -13,6 +14,7 @@ from crowdbench.evaluation.joined import cells_of
 from crowdbench.evaluation.publish import publish as publish_plan
 from crowdbench.evaluation.record import write_cell
 from crowdbench.evaluation.results import load_results
+from crowdbench.site.website import Site
 
 SCENARIO = "unimodal_slow"
 
@@ -66,10 +68,12 @@ def test_compare_says_that_the_record_is_of_another_scenario(publish, local, cap
     publish("neupan", digest="0123456789ab", spl=[0.5])
     local.add("orca", SCENARIO, spl=[0.9])
     assert main(["compare", "orca", "neupan", "--results", "mine"]) == 2
-    assert "of scenarios that are defined otherwise by now" in capsys.readouterr().err
+    assert "neupan' is of a scenario that is defined otherwise by now" in capsys.readouterr().err
     publish("neupan", "unimodal_fast", spl=[0.5])
     assert main(["compare", "neupan", "orca", "--results", "mine", "-s", SCENARIO]) == 2
-    assert "of another definition than today's" in capsys.readouterr().err
+    assert (
+        f"{SCENARIO!r} is of a scenario that is defined otherwise by now" in capsys.readouterr().err
+    )
 
 
 def test_run_shows_the_published_figures_beside_its_own(publish, local, capsys):
@@ -204,3 +208,20 @@ def test_publish_works_in_a_checkout_only(local, tmp_path, record, capsys):
     assert main(["publish", "mine.py", "--results", "mine", "--record", str(record)]) == 2
     assert "installed with crowdbench is read-only" in capsys.readouterr().err
     assert not record.exists()
+
+
+def test_the_report_misses_the_published_seeds_that_the_study_plans(publish, local, monkeypatch):
+    seen = {}
+
+    def written(rows, output, tables, figures, planned):
+        seen.update(planned=planned)
+        return Site(output, 0, 0, 0)
+
+    monkeypatch.setattr("crowdbench.cli.report._of_study", lambda *given: ([], []))
+    monkeypatch.setattr("crowdbench.site.website.write_report_page", written)
+    publish("orca", spl=[0.5])
+    assert main(["report"]) == 0
+    assert seen["planned"] == {(c.scenario, c.agent): c.episodes for c in PAPER.cells()}
+    local.add("orca", SCENARIO, spl=[0.9])
+    assert main(["report", "--results", "mine"]) == 0
+    assert seen["planned"] == {}, "in a folder of one's own nothing is planned"

@@ -18,6 +18,8 @@ PAGES = [
     "docs/add_an_agent.md",
     "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
+    "docs/onnx.md",
+    "docs/minari.md",
     "docs/write_a_scenario.md",
     "docs/add_a_walking_model.md",
     "docs/add_a_drive.md",
@@ -25,13 +27,20 @@ PAGES = [
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
     "docs/write_a_study.md",
+    "docs/clusters.md",
+    pytest.param("docs/benchmarl.md", marks=pytest.mark.slow),
+    pytest.param("docs/rllib.md", marks=pytest.mark.slow),
 ]
 
 
 def run(command, folder):
     """Run in a folder where everything relative in the page comes to lie."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PYTHONPATH": str(folder)}
+    environment = os.environ | {
+        "PATH": path,
+        "PYTHONPATH": str(folder),
+        "MINARI_DATASETS_PATH": str(folder / "datasets"),
+    }
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
     )

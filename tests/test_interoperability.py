@@ -5,6 +5,7 @@ import numpy as np
 import pettingzoo
 import pytest
 import supersuit
+import torch
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from pettingzoo.test import (
@@ -129,6 +130,32 @@ def test_torchrl_wraps_the_parallel_environment(robots):
     assert rollout["robot", "observation", "lidar"].shape == (30, robots, 180)
     assert rollout["next", "robot", "reward"].shape == (30, robots, 1)
     assert rollout["next", "robot", "reward"].isfinite().all()
+
+
+def test_torchrl_keeps_robots_that_have_left_done_until_the_last_has():
+    """As docs/train_with_your_library.md wraps it."""
+    environment = PettingZooWrapper(
+        crowdbench.parallel_env("multimodal_fast", time_limit=12.0, **{"robots.count": 3}),
+        use_mask=True,
+        done_on_any=False,
+        seed=1_000_003,
+        device="cpu",
+    )
+
+    def policy(data):
+        data["robot", "action"] = torch.tensor([[1.0, 0.0], [0.3, 0.0], [0.0, 0.0]])
+        return data
+
+    rollout = environment.rollout(100, policy)
+    there, ended = rollout["robot", "mask"], rollout["next", "robot", "done"][..., 0]
+    assert not there.all(), "some robot leaves before the last one"
+    for robot in range(3):
+        steps = int(there[:, robot].sum())
+        assert there[:steps, robot].all()
+        assert ended[:, robot].tolist() == [False] * (steps - 1) + [True] * (len(ended) - steps + 1)
+        assert (rollout["next", "robot", "reward"][steps:, robot] == 0).all()
+        assert (rollout["next", "robot", "observation", "lidar"][steps:, robot] == 0).all()
+    assert rollout["next", "done"][:, 0].tolist() == [False] * (len(ended) - 1) + [True]
 
 
 def flat_and_staying(environment):

@@ -5,6 +5,7 @@ Everything heavy is imported inside the commands, so that ``crowdbench --help`` 
 
 from __future__ import annotations
 
+import codecs
 import io
 import sys
 import warnings
@@ -17,6 +18,9 @@ from crowdbench.agent import AgentError
 from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
+from crowdbench.cli.export_minari import export_minari
+from crowdbench.cli.export_onnx import export_onnx
+from crowdbench.cli.merge import merge
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
 from crowdbench.cli.recompute import recompute
@@ -30,6 +34,7 @@ from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
 from crowdbench.cli.transfer import export, import_results
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.metric import MetricError
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import ScenarioError
@@ -42,17 +47,32 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export, publish,
+    export, export_minari, export_onnx, merge, publish,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)
+
+
+_IN_ASCII = "crowdbench.in_ascii"
+_SIGNS = {"↑": "^", "↓": "v", "—": "-", "–": "-", "†": "+", "²": "2", "³": "3", "·": "*", "…": "."}
+"""What stands for our signs where the encoding lacks them; each as wide as the sign."""
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join(_SIGNS.get(sign, "?") for sign in lacking), error.end
+
+
+codecs.register_error(_IN_ASCII, _in_ascii)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the user's mistakes become one red line and exit code 2."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal may know nothing but ASCII
+            stream.reconfigure(errors=_IN_ASCII)  # a terminal may know nothing but ASCII
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
@@ -60,7 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
     except (
-        UserError, ScenarioError, AgentError, ResultsError, MetricError, UnknownNameError
+        UserError, ScenarioError, AgentError, ResultsError, MetricError, ExecutorError,
+        UnknownNameError,
     ) as error:  # fmt: skip
         console = err()
         console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)

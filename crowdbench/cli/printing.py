@@ -15,9 +15,10 @@ from rich.table import Table
 from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, ResultsStore, one_line
+from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.runner import Missing
 from crowdbench.evaluation.scoring import TRUSTED_SHARE, waited
-from crowdbench.evaluation.statistics import Estimate, estimate, per_episode
+from crowdbench.evaluation.statistics import Estimate, estimates, per_episode
 
 Rows = Mapping[Cell, pd.DataFrame]
 Lacking = Mapping[Cell, Sequence[Missing]]
@@ -37,6 +38,7 @@ def print_tables(
         published: what the record has of the same agents in the same scenarios.
         lacking: the episodes of each cell that could not be run.
     """
+    main = {name: metric for name, metric in METRICS.items() if metric.main}
     for scenario in dict.fromkeys(cell.scenario for cell in rows):
         cells = [cell for cell in rows if cell.scenario == scenario]
         table = _table(scenario)
@@ -53,17 +55,22 @@ def print_tables(
             for cell in cells
             for gap in (len(lacking.get(cell, ())), *([0] if cell in published else []))
         ]
-        episodes = [per_episode(part, METRICS) for part in columns]
-        for name, metric in METRICS.items():
-            if metric.main:
-                found = [estimate(metric, values[name]) for values in episodes]
-                table.add_row(_heading(name), *(_interval(metric, item) for item in found))
+        found = [estimates(main, per_episode(part, main)) for part in columns]
+        older = [not_computed(part) for part in columns]
+        for name, metric in main.items():
+            shown = [
+                "not computed" if old.get(name) == len(part) else _interval(metric, item[name])
+                for item, part, old in zip(found, columns, older, strict=True)
+            ]
+            table.add_row(_heading(name), *shown)
         counts = map(_count, columns, gaps)
         table.add_row("episodes", *counts)
         table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
         console.print()
     print_published(console, {cell.agent: part for cell, part in published.items()})
+    named = {f"{cell.agent} in {cell.scenario}": part for cell, part in rows.items()}
+    print_not_computed(console, named, list(main))
     for cell, table in rows.items():
         _print_errors(console, cell, table)
         _print_waits(console, cell, table)
@@ -128,6 +135,22 @@ def print_published(console: Console, rows: Mapping[str, pd.DataFrame]) -> None:
             )
 
 
+def print_not_computed(
+    console: Console, rows: Mapping[str, pd.DataFrame], metrics: Sequence[str]
+) -> None:
+    """Say of each name which metrics some of its rows are too old for."""
+    for name, part in rows.items():
+        older = not_computed(part)
+        for metric in metrics:
+            if metric in older:
+                console.print(
+                    f"{name}: {metric} is not computed in {older[metric]:,} of {len(part):,} rows, "
+                    "which are older; crowdbench recompute fills it in",
+                    markup=False,
+                    soft_wrap=True,
+                )
+
+
 def _table(title: str) -> Table:
     return Table(
         title=escape(title),
@@ -155,10 +178,10 @@ def _cell_document(
         "complete": not missing,
         "missing": [{"seed": one.seed, "reason": one_line(one.reason)} for one in missing],
         "overloaded": int(waited(rows).sum()),
+        "not_computed": not_computed(rows),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
         "metrics": {
-            name: _estimate_document(estimate(metric, values[name]))
-            for name, metric in METRICS.items()
+            name: _estimate_document(found) for name, found in estimates(METRICS, values).items()
         },
         "errors": [
             {"seed": int(seed), "error": error}

@@ -23,16 +23,23 @@ class Finding:
     Attributes:
         difference: of the means, x - (factor y + margin), over the seeds that both ran.
         p: after Holm over the claims of the same table.
+        ran: whether there is an episode that both ran.
     """
 
     claim: Claim
     difference: Difference
     p: float
+    ran: bool
+
+    @property
+    def undefined(self) -> bool:
+        """Whether the metric is undefined in all episodes that both ran, for one of them."""
+        return self.ran and not self.difference.n
 
     @property
     def verdict(self) -> Verdict:
         """Holds or fails where the difference is significant, in or against its direction."""
-        return _verdict(self.difference, self.p, sign(self.claim.metric))
+        return _verdict(self.difference, self.p, sign(self.claim.metric), self.ran)
 
 
 @dataclass(frozen=True)
@@ -44,32 +51,28 @@ class Order:
     worse: Entry
     difference: Difference
     p: float
+    ran: bool
 
     @property
     def verdict(self) -> Verdict:
         """As of a claim."""
-        return _verdict(self.difference, self.p, sign(self.better.quantity.metric))
+        return _verdict(self.difference, self.p, sign(self.better.quantity.metric), self.ran)
 
 
 def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Finding]:
     """Test every claim by a paired permutation test, corrected after Holm over each table."""
+    sides = [((c.better, c.scenarios), (c.worse, c.scenarios)) for c in claims]
     differences = [
-        measured.difference(
-            (claim.better, claim.scenarios),
-            (claim.worse, claim.scenarios),
-            claim.metric,
-            claim.factor,
-            claim.margin,
-        )
-        for claim in claims
+        measured.difference(*pair, claim.metric, claim.factor, claim.margin)
+        for claim, pair in zip(claims, sides, strict=True)
     ]
     adjusted = np.full(len(claims), np.nan)
     for table in {claim.table for claim in claims}:
         here = [number for number, claim in enumerate(claims) if claim.table == table]
         adjusted[here] = holm([differences[number].p for number in here])
     return [
-        Finding(claim, difference, float(p))
-        for claim, difference, p in zip(claims, differences, adjusted, strict=True)
+        Finding(claim, difference, float(p), bool(difference.n) or measured.paired(*pair))
+        for claim, difference, p, pair in zip(claims, differences, adjusted, sides, strict=True)
     ]
 
 
@@ -89,25 +92,28 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
                     continue
                 if sign(one.quantity.metric) * (one.reference - other.reference) > 0:
                     pairs.append((one, other))
+        sides = [
+            tuple((entry.method.agent, entry.block.scenarios) for entry in pair) for pair in pairs
+        ]
         differences = [
-            measured.difference(
-                (one.method.agent, one.block.scenarios),
-                (other.method.agent, other.block.scenarios),
-                one.quantity.metric,
-            )
-            for one, other in pairs
+            measured.difference(first, second, one.quantity.metric)
+            for (one, _), (first, second) in zip(pairs, sides, strict=True)
         ]
         adjusted = holm([difference.p for difference in differences])
+        there = [
+            bool(difference.n) or measured.paired(*pair)
+            for difference, pair in zip(differences, sides, strict=True)
+        ]
         found += [
-            Order(filled.table, one, other, difference, float(p))
-            for (one, other), difference, p in zip(pairs, differences, adjusted, strict=True)
+            Order(filled.table, *pair, difference, float(p), ran)
+            for pair, difference, p, ran in zip(pairs, differences, adjusted, there, strict=True)
         ]
     return found
 
 
-def _verdict(difference: Difference, p: float, better: int) -> Verdict:
-    if np.isnan(p):
+def _verdict(difference: Difference, p: float, better: int, ran: bool) -> Verdict:
+    if not ran:
         return "not yet run"
-    if p >= SIGNIFICANCE:
+    if np.isnan(p) or p >= SIGNIFICANCE:  # NaN where the metric is undefined in all of them
         return "undecided"
     return "holds" if better * difference.mean > 0 else "fails"

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import scenario_label
-from crowdbench.evaluation.statistics import Difference, Estimate, estimate, paired_difference
+from crowdbench.evaluation.rows import not_computed
+from crowdbench.evaluation.statistics import (
+    Difference,
+    Estimate,
+    defined_pairs,
+    estimate,
+    paired_difference,
+)
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
 
@@ -38,8 +45,8 @@ class Measurements:
         near = (episodes["robot"] == "robot_0") & (episodes["seed"] < wanted["episodes"].max())
         kept = episodes[near].merge(wanted, on=["scenario", "agent", "scenario_digest"])
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
-        added_since = {name: np.nan for name in METRICS if name not in kept}
-        self.episodes = kept.drop(columns=["episodes", "named"]).assign(**added_since)
+        kept = kept.assign(**{name: np.nan for name in METRICS if name not in kept})
+        self.episodes = kept.drop(columns=["episodes", "named"])
         self._cells = {
             key: rows.set_index("seed").sort_index()
             for key, rows in kept.groupby(["agent", "named"], sort=False)
@@ -57,10 +64,25 @@ class Measurements:
         """How many episodes are stored."""
         return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
 
+    def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
+        """How many of the stored episodes are older than a metric and were not recomputed."""
+        rows = [self._rows(agent, scenario) for scenario in scenarios]
+        return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
+
+    def paired(
+        self, first: tuple[str, tuple[str, ...]], second: tuple[str, tuple[str, ...]]
+    ) -> bool:
+        """Whether there is an episode that both ran; arguments as those of ``difference``."""
+        return any(
+            len(self._rows(first[0], one).index.intersection(self._rows(second[0], other).index))
+            for one, other in zip(first[1], second[1], strict=True)
+        )
+
     def _mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
         """Mean over the episodes of all scenarios."""
-        values = np.concatenate([self._values(agent, name, metric) for name in scenarios])
-        return estimate(METRICS[metric], values)
+        entry = METRICS[metric]
+        weights = self._values(agent, scenarios, entry.weight) if entry.weight else None
+        return estimate(entry, self._values(agent, scenarios, metric), weights)
 
     def _difference(
         self,
@@ -77,19 +99,22 @@ class Measurements:
             metric: name in ``METRICS``.
             factor, margin: see above; 1 and 0 give the plain difference.
         """
+        columns = [metric, *filter(None, [METRICS[metric].weight])]
         pairs = []
         for one, other in zip(first[1], second[1], strict=True):
             a, b = self._rows(first[0], one), self._rows(second[0], other)
             shared = a.index.intersection(b.index)
             if len(shared):
-                x = a.loc[shared, metric].to_numpy(dtype=float)
-                pairs.append(x - factor * b.loc[shared, metric].to_numpy(dtype=float) - margin)
-        differences = np.concatenate([np.empty(0), *pairs])
-        return paired_difference(differences)
+                pairs.append((a.loc[shared, columns], b.loc[shared, columns]))
+        if not pairs:
+            return paired_difference([])
+        x, y = defined_pairs(metric, *(pd.concat(side) for side in zip(*pairs, strict=True)))
+        return paired_difference(x - factor * y - margin)
 
     def _rows(self, agent: str, scenario: str) -> pd.DataFrame:
         return self._cells.get((agent, scenario), pd.DataFrame(index=pd.Index([], name="seed")))
 
-    def _values(self, agent: str, scenario: str, metric: str) -> NDArray[np.float64]:
-        rows = self._rows(agent, scenario)
-        return rows[metric].to_numpy(dtype=float) if len(rows) else np.empty(0)
+    def _values(self, agent: str, scenarios: tuple[str, ...], metric: str) -> NDArray[np.float64]:
+        rows = [self._rows(agent, scenario) for scenario in scenarios]
+        there = [part[metric].to_numpy(dtype=float) for part in rows if len(part)]
+        return np.concatenate([np.empty(0), *there])

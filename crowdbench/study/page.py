@@ -66,7 +66,11 @@ def _state(tables: Sequence[Filled], measured: Measurements) -> str:
     planned = sum(cell.episodes for cell in measured.plan)
     states: Counter[str] = Counter(entry.state for filled in tables for entry in filled.entries)
     text = f"{len(measured.episodes):,} of {planned:,} planned episodes are stored."
-    for state, words in (("missing", "not yet run"), ("partial", "run in part")):
+    for state, words in (
+        ("missing", "not yet run"),
+        ("not computed", "not computed"),
+        ("partial", "run in part"),
+    ):
         if states[state]:
             text += f" {states[state]} of {states.total()} table cells are {words}."
     return text
@@ -85,13 +89,16 @@ def _findings(study: Study, findings: Sequence[Finding]) -> str:
         if here:
             cells = ("; ".join(_texts(study, here, verdict)) for verdict in columns)
             rows.append([table.number, *cells])
+    undefined = ""
+    if any(finding.undefined for finding in findings):
+        undefined = " Undefined: in no episode that both ran has the metric a value for both."
     return "\n".join(
         [
             "## What holds\n",
             f"Of {len(findings)} claims: {told} ([claims.csv](tables/claims.csv)). A claim holds "
             f"or fails if the paired difference is significant (p < {SIGNIFICANCE:g} after Holm "
             "over the claims of its table) in or against its direction. Undecided is not refuted: "
-            "the episodes do not tell.\n",
+            f"the episodes do not tell.{undefined}\n",
             *_rows(("Table", *(verdict.capitalize() for verdict in columns)), rows),
         ]
     )
@@ -104,13 +111,15 @@ def _texts(study: Study, findings: Sequence[Finding], verdict: Verdict) -> list[
     told = []
     for text in texts:
         same = [finding for finding in findings if finding.claim.text == text]
+        here = [finding for finding in same if finding.verdict == verdict]
         metrics = [
             headings.get(finding.claim.metric, finding.claim.metric)
-            for finding in same
-            if finding.verdict == verdict
+            + (": undefined" if finding.undefined else "")
+            for finding in here
         ]
         if metrics:
-            told.append(text if len(same) == 1 else f"{text} ({', '.join(metrics)})")
+            plain = len(same) == 1 and not here[0].undefined
+            told.append(text if plain else f"{text} ({', '.join(metrics)})")
     return list(map(escape_markdown, told))
 
 

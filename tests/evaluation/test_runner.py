@@ -14,11 +14,12 @@ import pytest
 
 from crowdbench import AgentSpec, ScenarioError, load_scenario
 from crowdbench.agent import AgentError
+from crowdbench.evaluation.machine import machine_name
 from crowdbench.evaluation.metrics import METRICS, metrics
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.results import ResultsError, load_commands, load_results
 from crowdbench.evaluation.rollout import run_episode
-from crowdbench.evaluation.runner import IncompleteError, Task, machine_name, run
+from crowdbench.evaluation.runner import IncompleteError, Task, run
 from crowdbench.evaluation.stored import load_episodes
 
 TINY = load_scenario(
@@ -230,6 +231,12 @@ def test_a_row_names_what_its_episode_depends_on(tmp_path, planner):
     assert (row["version"], row["architecture"]) == (version("crowdbench-nav"), platform.machine())
     for library in ("pymunk", "numpy", "torch"):
         assert row[library] == version(library)
+
+
+@pytest.mark.parametrize(("cores", "told"), [(1, ", 1 core, 1 thread"), (2, ", 2 cores, 1 thread")])
+def test_a_machine_is_named_with_its_cores(monkeypatch, cores, told):
+    monkeypatch.setattr("crowdbench.evaluation.machine.core_count", lambda: cores)
+    assert told in machine_name()
 
 
 CHEATS = """

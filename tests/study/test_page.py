@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from crowdbench_studies.paper import STUDY
@@ -106,6 +107,20 @@ def test_few_episodes_leave_a_claim_undecided(episodes):
     episodes.add("orca", spl=[0.9, 0.8, 0.9])
     episodes.add("straight_line", spl=[0.1, 0.2, 0.1])
     assert check_claims(episodes.measured(), [claim()])[0].verdict == "undecided"
+
+
+def test_where_its_metric_is_undefined_a_claim_is_undecided_and_the_page_says_why(episodes):
+    nothing = [float("nan")] * 3
+    episodes.add("orca", spl=[0.9, 0.8, 0.9], min_dist=nothing)
+    episodes.add("straight_line", spl=[0.1, 0.2, 0.1], min_dist=nothing)
+    measured = episodes.measured()
+    claims = (claim(text="A keeps away", metric="min_dist"), claim(worse="sac"))
+    findings = check_claims(measured, claims)
+    assert [finding.verdict for finding in findings] == ["undecided", "not yet run"]
+    text = write_page(replace(STUDY, claims=claims), [], findings, [], measured, {}, [])
+    line = next(line for line in text.splitlines() if line.startswith("| I |"))
+    assert line == "| I |  |  | A keeps away (MinDist \\[m\\]: undefined) | A above B |"
+    assert "Undefined: in no episode that both ran has the metric a value for both." in text
 
 
 def test_orders_follow_the_paper_and_equal_values_are_none(many):
@@ -271,21 +286,24 @@ def test_a_folder_that_cannot_be_written_is_named(many, tmp_path):
 
 def test_a_session_is_kept_as_it_goes_on(tmp_path):
     now = [100.0]
-    account = Account(tmp_path, "mine", jobs=2, clock=lambda: now[0])
+    account = Account(tmp_path, "mine", clock=lambda: now[0])
     account.write()
     assert load_sessions(tmp_path, "mine") == [], "nothing was run"
-    account.count("a machine")
+    account.count("a machine", 2)
     assert load_sessions(tmp_path, "mine") == [], "not after every episode"
     now[0] += 31
-    account.count("a machine")
+    account.count("a machine", 2)
     (kept,) = load_sessions(tmp_path, "mine")
     assert (kept.seconds, kept.episodes, kept.jobs, kept.machine) == (31.0, 2, 2, "a machine")
     assert load_sessions(tmp_path, "yours") == []
     assert "numpy" in kept.versions and "torch" in kept.versions
     now[0] += 5
+    account.count("another machine", 3)
+    account.count("a machine", 1)
     account.write()
     (kept,) = load_sessions(tmp_path, "mine")
-    assert kept.seconds == 36.0
+    assert (kept.seconds, kept.episodes, kept.jobs) == (36.0, 4, 3)
+    assert kept.machine == "a machine; another machine"
 
 
 @pytest.mark.parametrize("text", ["{", json.dumps({"started": "now", "colour": "red"})])
