@@ -38,7 +38,7 @@ class KindRun(TrainingRun):
         actors: int,
     ) -> None:
         self.form = kind.form
-        super().__init__(folder, config, seed, social)
+        super().__init__(folder, config, seed, social, device.type)
         self.learner = kind.learner(config, seed, device)
         self.acting = self._make_acting(kind, seed, actors)
 
@@ -48,9 +48,11 @@ class KindRun(TrainingRun):
                 kind, self.learner.network, self.config, self.folder, self.sampler, seed, actors
             )
         everywhere = np.arange(self.config.training.environments)
-        network = self.learner.network
+        learned = self.learner.network
+        here = next(learned.parameters()).device.type == "cpu"
+        network = learned if here else kind.network(self.config).requires_grad_(False)
         rollout = Rollout(kind, network, self.config, everywhere, self.sampler, self.replay, seed)
-        return InProcess(rollout, network, network)
+        return InProcess(rollout, network, learned)
 
     @property
     def steps(self) -> int:

@@ -38,6 +38,7 @@ class TrainingRun(ABC):
         config: all settings.
         seed: of parameters, episodes and exploration.
         social: whether the reward includes the social term.
+        device: where networks are trained.
 
     Attributes:
         needed: rows in the replay before the next update.
@@ -46,7 +47,9 @@ class TrainingRun(ABC):
     form: str
     """Which networks the weights are of, as in ``save_weights``."""
 
-    def __init__(self, folder: Path, config: Config, seed: int, social: bool) -> None:
+    def __init__(
+        self, folder: Path, config: Config, seed: int, social: bool, device: str = "cpu"
+    ) -> None:
         settings = config.training
         self.folder, self.config = folder, config
         self.sampler = ScenarioSampler(seed)
@@ -60,7 +63,7 @@ class TrainingRun(ABC):
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),
-            "arithmetic": describe_precision(settings.bfloat16),
+            "arithmetic": describe_precision(settings.bfloat16, device),
         }  # fmt: skip
         self.seconds, self.best = 0.0, -1.0
         self.needed = settings.warmup

@@ -26,7 +26,6 @@ from crowdbench_agents.learning.journal import Journal, describe_spent, stop_on_
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.kind_run import KindRun
 from crowdbench_agents.learning.memory import keep_freed_memory
-from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.run import TrainingRun
 
 from crowdbench.messages import short
@@ -117,8 +116,7 @@ def train_run(
             curve.unlink(missing_ok=True)
         total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
         with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
-            precision = describe_precision(config.training.bfloat16)
-            journal.say(f"{machine}networks learn in {precision}")
+            journal.say(f"{machine}networks learn in {run.facts['arithmetic']}")
             try:
                 _loop(run, journal, minutes, steps, stopping)
             finally:
