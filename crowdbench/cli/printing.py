@@ -17,7 +17,7 @@ from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, ResultsStore, one_line
 from crowdbench.evaluation.runner import Missing
 from crowdbench.evaluation.scoring import TRUSTED_SHARE, waited
-from crowdbench.evaluation.statistics import Estimate, estimate, per_episode
+from crowdbench.evaluation.statistics import Estimate, estimates, per_episode
 
 Rows = Mapping[Cell, pd.DataFrame]
 Lacking = Mapping[Cell, Sequence[Missing]]
@@ -56,7 +56,7 @@ def print_tables(
         episodes = [per_episode(part, METRICS) for part in columns]
         for name, metric in METRICS.items():
             if metric.main:
-                found = [estimate(metric, values[name]) for values in episodes]
+                found = estimates((metric, values[name]) for values in episodes)
                 table.add_row(_heading(name), *(_interval(metric, item) for item in found))
         counts = map(_count, columns, gaps)
         table.add_row("episodes", *counts)
@@ -144,6 +144,7 @@ def _cell_document(
 ) -> dict[str, Any]:
     failed = rows[rows["outcome"] == "agent_error"]
     values = per_episode(rows, METRICS)
+    found = estimates((metric, values[name]) for name, metric in METRICS.items())
     return {
         "scenario": cell.scenario,
         "scenario_digest": cell.scenario_digest,
@@ -156,10 +157,7 @@ def _cell_document(
         "missing": [{"seed": one.seed, "reason": one_line(one.reason)} for one in missing],
         "overloaded": int(waited(rows).sum()),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
-        "metrics": {
-            name: _estimate_document(estimate(metric, values[name]))
-            for name, metric in METRICS.items()
-        },
+        "metrics": dict(zip(METRICS, map(_estimate_document, found), strict=True)),
         "errors": [
             {"seed": int(seed), "error": error}
             for seed, error in zip(failed["seed"], failed["error"], strict=True)

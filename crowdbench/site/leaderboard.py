@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Any
 
 import pandas as pd
@@ -39,12 +40,17 @@ def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
     """
     order = {name: number for number, name in enumerate(scenario_names())}
     groups = rows.groupby(["scenario", "agent"], sort=False).indices
-    documents = []
+    documents, samples = [], []
     for key in sorted(groups, key=lambda key: (order.get(key[0], len(order)), *key)):
         stored = rows.iloc[groups[key]]
         last = stored.iloc[-1]
         cell = Cell(**{name: str(last[name]) for name in Cell.__dataclass_fields__})
         documents.append((cell, _cell_document(cell, stored)))
+        values = per_episode(stored, METRICS)
+        samples += [(metric, values[name]) for name, metric in METRICS.items()]
+    found = map(list, estimates(samples))
+    for _, document in documents:
+        document["estimates"] = list(islice(found, len(METRICS)))
     return documents
 
 
@@ -73,7 +79,6 @@ def family(scenario: Scenario) -> str:
 def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     outcomes = rows["outcome"].value_counts()
     failed = rows[rows["error"] != ""].head(_SHOWN_ERRORS)
-    values = per_episode(rows, METRICS)
     return {
         "agent": cell.agent,
         "version": cell.version,
@@ -87,7 +92,6 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
             [int(seed), str(error)]
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
-        "estimates": [list(found) for found in estimates(METRICS, values).values()],
     }
 
 

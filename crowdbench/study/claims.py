@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from crowdbench.evaluation.statistics import Difference, holm
-from crowdbench.study.measurements import Measurements
+from crowdbench.study.measurements import Measurements, Pair
 from crowdbench.study.model import Claim, Table
-from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, sign
+from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, pair_of, sign
 
 Verdict = Literal["holds", "fails", "undecided", "not yet run"]
 
@@ -53,8 +53,8 @@ class Order:
 
 def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Finding]:
     """Test every claim by a paired permutation test, corrected after Holm over each table."""
-    differences = [
-        measured.difference(
+    differences = measured.differences(
+        Pair(
             (claim.better, claim.scenarios),
             (claim.worse, claim.scenarios),
             claim.metric,
@@ -62,7 +62,7 @@ def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Findin
             claim.margin,
         )
         for claim in claims
-    ]
+    )
     adjusted = np.full(len(claims), np.nan)
     for table in {claim.table for claim in claims}:
         here = [number for number, claim in enumerate(claims) if claim.table == table]
@@ -78,9 +78,8 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
 
     Equal values are no order, and quantities that are not judged have none.
     """
-    found = []
+    pairs: list[tuple[Table, Entry, Entry]] = []
     for filled in tables:
-        pairs = []
         for one in filled.entries:
             for other in filled.entries:
                 if (one.block, one.quantity) != (other.block, other.quantity):
@@ -88,20 +87,17 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
                 if one.reference is None or other.reference is None or not one.quantity.judged:
                     continue
                 if sign(one.quantity.metric) * (one.reference - other.reference) > 0:
-                    pairs.append((one, other))
-        differences = [
-            measured.difference(
-                (one.method.agent, one.block.scenarios),
-                (other.method.agent, other.block.scenarios),
-                one.quantity.metric,
-            )
-            for one, other in pairs
-        ]
-        adjusted = holm([difference.p for difference in differences])
-        found += [
-            Order(filled.table, one, other, difference, float(p))
-            for (one, other), difference, p in zip(pairs, differences, adjusted, strict=True)
-        ]
+                    pairs.append((filled.table, one, other))
+    differences = measured.differences(pair_of(one, other) for _, one, other in pairs)
+    orders = [
+        Order(*pair, difference, difference.p)
+        for pair, difference in zip(pairs, differences, strict=True)
+    ]
+    found = []
+    for filled in tables:
+        here = [order for order in orders if order.table is filled.table]
+        adjusted = holm([order.difference.p for order in here])
+        found += [replace(order, p=float(p)) for order, p in zip(here, adjusted, strict=True)]
     return found
 
 
