@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,8 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     """
     if isinstance(name, Scenario):
         scenario = name.override(changes) if changes else name
+    elif not changes and not _is_path(str(name)):
+        scenario = _own(str(name))
     else:
         document = _resolve(str(name), base=None, seen=())
         for key, value in flatten(changes).items():
@@ -67,6 +70,12 @@ def parse_overrides(items: list[str]) -> dict[str, Any]:
     return changes
 
 
+@cache
+def _own(name: str) -> Scenario:
+    """A built-in scenario as it is: parsed once, as rows by the hundred name the same few."""
+    return validate(_resolve(name, base=None, seen=()), source=name)
+
+
 def _warn_of_passed_goals(scenario: Scenario) -> None:
     robots = scenario.robots
     fastest = max(map(abs, robots.speed))
@@ -82,6 +91,10 @@ def _warn_of_passed_goals(scenario: Scenario) -> None:
 
 def _folder() -> Any:
     return resources.files("crowdbench_scenarios")
+
+
+def _is_path(name: str) -> bool:
+    return name.endswith((".yaml", ".yml"))
 
 
 def _is_yaml(path: Any) -> bool:
@@ -102,7 +115,7 @@ def _read(path: Any) -> dict[str, Any]:
 
 def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, Any]:
     """Read a document with everything it extends merged beneath it."""
-    is_path = name.endswith((".yaml", ".yml"))
+    is_path = _is_path(name)
     path: Any = (base / name if base else Path(name)) if is_path else _folder() / f"{name}.yaml"
     if not _is_file(path):
         if is_path:
