@@ -41,6 +41,8 @@ REACTION = 0.4
 class DynamicWindow(crowdbench.Agent):
     """The best arc of the next period, judged by heading, free time and speed."""
 
+    version = "0.1.0"
+
     def __init__(self, heading: Weight = 1.0, clearance: Weight = 1.0, speed: Weight = 1.0) -> None:
         """Set the weights of the three terms (alpha, beta, gamma), each term in [0, 1]."""
         self._weights = np.array([heading, clearance, speed])

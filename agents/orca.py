@@ -29,6 +29,7 @@ class Orca(crowdbench.Agent):
     """Reciprocal avoidance of what the LiDAR shows."""
 
     drives = ("differential", "omnidirectional")
+    version = "0.1.0"
 
     def __init__(
         self,

@@ -14,6 +14,7 @@ class StraightLine(crowdbench.Agent):
     """
 
     drives = ("differential", "omnidirectional")
+    version = "0.1.0"
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits."""

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 import torch
 import yaml
+from crowdbench_agents.latent_planner.learner import policy_act
 from crowdbench_agents.latent_planner.mppi import encode_views, plan
 from crowdbench_agents.latent_planner.plain import PlainEvaluator
 from crowdbench_agents.latent_planner.plan_queue import PlanQueue
 from crowdbench_agents.latent_planner.scoring import Score
-from crowdbench_agents.latent_planner.training import policy_act
 from crowdbench_agents.latent_planner.world_model import WorldModel, load_world_model
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.inputs import ActionBounds, Inputs

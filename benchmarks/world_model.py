@@ -140,7 +140,7 @@ def collect(
         action, before = drive(envs), envs.sensed.copy()
         result = envs.step(everywhere, envs.bounds.physical(action))
         replay = replays[step >= 0.9 * steps]
-        replay.append_step(before, action, result, action, nobody, envs.sensed)
+        replay.append_step(everywhere, before, action, result, action, nobody, envs.sensed)
         envs.begin(np.flatnonzero(result.over))
     return replays[0], replays[1]
 

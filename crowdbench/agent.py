@@ -20,6 +20,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import inspect
+import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -37,6 +38,9 @@ from crowdbench.scenario import Scenario
 from crowdbench.strict_yaml import YamlError, dump_scalar, load_yaml
 
 ENTRY_POINT_GROUP = "crowdbench.agents"
+
+_FILE_NAME = re.compile(r"[^=]*\.[A-Za-z]\w*")
+"""An option that is the name of a file and nothing else."""
 
 Action = tuple[float, float] | NDArray[np.floating]
 """Two numbers; for a differential drive v [m/s], w [rad/s], for others see ``RobotSpec.drive``."""
@@ -151,11 +155,15 @@ class Agent(ABC):
     privileged: ClassVar[bool] = False
     """If true, ``observation.state`` is filled in: for ceilings and tests, never for comparison."""
 
-    drives: ClassVar[tuple[str, ...] | None] = ("differential",)
+    drives: tuple[str, ...] | None = ("differential",)
     """Names of the drives that it can act for, see ``RobotSpec.drive``; None for all."""
 
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""
+
+    version: ClassVar[str | None] = None
+    """Of what an installed agent does, raised whenever it decides otherwise: stored episodes of
+    another version are not its own. None: its distribution's. A subclass states one of its own."""
 
     @abstractmethod
     def reset(self, robot: RobotSpec, seed: int) -> None:
@@ -180,7 +188,8 @@ class Agent(ABC):
 class AgentSpec:
     """An agent as named on a command line.
 
-    ``name[:option=value,...]`` or ``file.py[:Class][:option=value,...]``.
+    ``name[:option=value,...]`` or ``file.py[:Class][:option=value,...]``. The option ``file`` may
+    come first without its name: ``name:weights.bin``.
 
     Attributes:
         name: of an installed agent, or ``file.py[:Class]``.
@@ -216,7 +225,10 @@ class AgentSpec:
             class_name, _, rest = rest.partition(":")
             name = f"{name}:{class_name}" if class_name else name
         options: dict[str, Any] = {}
-        for item in filter(None, (part.strip() for part in rest.split(","))):
+        items = [item for item in (part.strip() for part in rest.split(",")) if item]
+        if items and _FILE_NAME.fullmatch(items[0]):
+            options["file"] = items.pop(0)
+        for item in items:
             key, separator, value = item.partition("=")
             if not separator or not key.strip():
                 raise AgentError(f"agent {quoted(text)}: expected option=value, got {short(item)}")
@@ -247,6 +259,9 @@ class AgentSpec:
             if key not in accepted:
                 known = nearest(key, list(accepted)) if accepted else "; it takes no options"
                 raise AgentError(f"agent {quoted(self.name)} has no option {short(key)}{known}")
+        for key, default in accepted.items():
+            if default is inspect.Parameter.empty and key not in self.options:
+                raise AgentError(f"agent {quoted(self.name)} needs the option {key!r}")
         self._check_ranges(factory)
         try:
             return factory(**self.options)

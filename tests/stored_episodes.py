@@ -13,6 +13,7 @@ from crowdbench.agent import AgentSpec
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, Origin, Result, ResultsStore
 from crowdbench.scenario import load_scenario
+from crowdbench.simulation import WORLD_VERSION
 from crowdbench.study.measurements import Measurements
 
 
@@ -22,17 +23,28 @@ class Episodes:
     def __init__(self, folder):
         self.folder = folder
 
-    def add(self, agent, scenario="unimodal_slow", first=0, robot="robot_0", fixed=None, **values):
+    def add(
+        self,
+        agent,
+        scenario="unimodal_slow",
+        first=0,
+        robot="robot_0",
+        fixed=None,
+        older=(),
+        **values,
+    ):
         """Store episodes with seeds from ``first`` on.
 
         ``values``: a list of numbers per metric, one per episode; other metrics are NaN.
         ``fixed``: other columns, e.g. ``{"machine": "m"}``.
+        ``older``: metrics that the episodes were never measured with.
         """
         facts = {
             "scenario": scenario,
             "scenario_digest": load_scenario(scenario).digest,
             "agent": agent,
             "options": json.dumps(dict(AgentSpec.parse(agent).options)),
+            "world": WORLD_VERSION,
             "version": "0.1.0",
             "weights_sha256": "",
             "code": "crowdbench-nav 0.1.0",
@@ -49,7 +61,9 @@ class Episodes:
         results = []
         for number in range(len(next(iter(values.values())))):
             metrics = {
-                name: float(values.get(name, {number: math.nan})[number]) for name in METRICS
+                name: float(values.get(name, {number: math.nan})[number])
+                for name in METRICS
+                if name not in older
             }
             results.append(
                 Result(
@@ -108,7 +122,9 @@ class Whole:
 
         world = load_scenario(scenario)
         agent_name, scenario_name = label or agent, name or scenario_label(world)
-        cell = Cell(scenario_name, world.digest, agent_name, "{}", "0.1.0", weights, "by hand")
+        cell = Cell(
+            scenario_name, world.digest, agent_name, "{}", WORLD_VERSION, weights, "by hand"
+        )
         store = ResultsStore(self.folder)
         origin = Origin(machine="a machine")
         for run in run_episode(world, agent, seed, label=agent_name):

@@ -91,6 +91,22 @@ def test_text_that_names_no_agent_is_refused(text):
         AgentSpec.parse(text)
 
 
+def test_the_option_file_may_come_first_without_its_name():
+    spec = AgentSpec.parse("planner:folder/2.weights,gain=2")
+    assert spec == AgentSpec("planner", {"file": "folder/2.weights", "gain": 2})
+    assert str(spec) == "planner:file=folder/2.weights,gain=2"
+    assert AgentSpec.parse("mine.py:Mine:a.bin") == AgentSpec("mine.py:Mine", {"file": "a.bin"})
+    assert (
+        refusal("orca:a.bin") == "agent 'orca' has no option 'file'; known: responsibility, margin"
+    )
+
+
+def test_an_option_without_a_default_is_needed(written):
+    path = written(PLANNER.replace("gain=1.0", "gain"))
+    assert refusal(path) == f"agent {path!r} needs the option 'gain'"
+    assert AgentSpec.parse(f"{path}:gain=2").make().gain == 2
+
+
 def test_unknown_agent_names_the_nearest():
     assert refusal("orcaa") == "unknown agent 'orcaa'; did you mean 'orca'?"
     assert "straight_line" in refusal("qqqqqq")

@@ -95,7 +95,7 @@ def test_help_names_every_command(capsys):
     text = capsys.readouterr().out
     commands = (
         "run compare agents scenarios show record train tables report replay play recompute export "
-        "import publish"
+        "import merge publish"
     )
     for command in commands.split():
         assert re.search(rf"^\W+{command} ", text, re.MULTILINE)

@@ -66,10 +66,12 @@ def test_compare_says_that_the_record_is_of_another_scenario(publish, local, cap
     publish("neupan", digest="0123456789ab", spl=[0.5])
     local.add("orca", SCENARIO, spl=[0.9])
     assert main(["compare", "orca", "neupan", "--results", "mine"]) == 2
-    assert "of scenarios that are defined otherwise by now" in capsys.readouterr().err
+    assert "neupan' is of a scenario that is defined otherwise by now" in capsys.readouterr().err
     publish("neupan", "unimodal_fast", spl=[0.5])
     assert main(["compare", "neupan", "orca", "--results", "mine", "-s", SCENARIO]) == 2
-    assert "of another definition than today's" in capsys.readouterr().err
+    assert (
+        f"{SCENARIO!r} is of a scenario that is defined otherwise by now" in capsys.readouterr().err
+    )
 
 
 def test_run_shows_the_published_figures_beside_its_own(publish, local, capsys):

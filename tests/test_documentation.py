@@ -18,6 +18,8 @@ PAGES = [
     "docs/add_an_agent.md",
     "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
+    "docs/onnx.md",
+    "docs/minari.md",
     "docs/write_a_scenario.md",
     "docs/add_a_walking_model.md",
     "docs/add_a_drive.md",
@@ -31,7 +33,11 @@ PAGES = [
 def run(command, folder):
     """Run in a folder where everything relative in the page comes to lie."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PYTHONPATH": str(folder)}
+    environment = os.environ | {
+        "PATH": path,
+        "PYTHONPATH": str(folder),
+        "MINARI_DATASETS_PATH": str(folder / "datasets"),
+    }
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -181,6 +182,14 @@ def test_episodes_older_than_a_metric_lack_it_and_say_so(outside, tmp_path):
     assert done.returncode == 0, done.stderr
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("late ↓")]
     assert line.split()[2:] == ["-", "-", "-", "-", "-", "0"]
+    told = r"^orca: late is not computed in (\d+) of \1 rows, which are older; crowdbench recompute"
+    assert re.search(told, done.stdout, flags=re.MULTILINE)
+    done = later.crowdbench(*RUN)
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("late ↓")]
+    assert line.split()[2:] == ["not", "computed"] * 4, "of two agents, here and published"
+    document = json.loads(later.crowdbench(*RUN, "--json").stdout)
+    assert [cell["not_computed"]["late"] for cell in document["cells"]] == [6, 6]
+    assert document["cells"][0]["metrics"]["late"]["mean"] is None
     done = later.crowdbench(*compare, "-m", "late")
     assert done.returncode == 2
     assert done.stderr == "results: the episodes of orca are older than metric 'late'\n"

@@ -34,6 +34,7 @@ class Informed(crowdbench.Agent):
 
     privileged = True
     drives = ("differential", "omnidirectional")
+    version = "0.1.0"
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits; there is no randomness."""

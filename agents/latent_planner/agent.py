@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -67,6 +68,7 @@ class LatentPlanner(LearnedAgent):
         threads: used to plan; None means as many as PyTorch uses.
     """
 
+    version: ClassVar[str] = "0.1.0"
     trainer: ClassVar[str] = "latent_planner"
     folder: ClassVar[Path] = Path(__file__).parent / "weights"
     own_weights: ClassVar[str] = "social"
@@ -128,6 +130,17 @@ class LatentPlanner(LearnedAgent):
     def diagnostics(self) -> dict[str, float]:
         """Return the number of plans made."""
         return {"plans": float(self._plans)}
+
+    def _policy(self) -> Callable[[Inputs], Tensor]:
+        """The policy alone, which acts with these options only."""
+        if self.options.use_mppi:
+            raise ValueError(
+                "a plan by MPPI is no network; with use_mppi=false the policy acts alone"
+            )
+        if self.options.execute != 1:
+            raise ValueError(f"execute: should be 1 to be exported, got {self.options.execute}")
+        model: WorldModel = self._network
+        return lambda inputs: model.act(model.encode(inputs))
 
     def _load(self, path: Path) -> tuple[WorldModel, Config, dict[str, Any]]:
         import torch

@@ -7,7 +7,8 @@ is an exploring one: correlated noise is added to what it does.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,46 +16,42 @@ from crowdbench_agents.latent_planner.mppi import encode_views, plan
 from crowdbench_agents.latent_planner.plain import PlainEvaluator
 from crowdbench_agents.latent_planner.plan_queue import PlanQueue
 from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning import kind
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.inputs import ActionBounds, Inputs
+from crowdbench_agents.learning.kind import Acts
 from crowdbench_agents.learning.noise import CorrelatedNoise
+from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.replay import NOBODY, PLANNER
 from crowdbench_agents.learning.vector_env import Sensed
 from numpy.typing import NDArray
 
 
-class Acts(NamedTuple):
-    """What E environments do next, actions in [-1, 1].
-
-    Attributes:
-        action: (E, 2) to execute.
-        reference: (E, 2) as planned, before exploration.
-        source: (E,) whose that is: the planner's where it was planned for this very observation,
-            else nobody's.
-    """
-
-    action: NDArray[np.float32]
-    reference: NDArray[np.float32]
-    source: NDArray[np.uint8]
-
-
-class Explorer:
-    """Acts in E environments; MPPI plans in the first ``planning_environments`` of them.
+class Explorer(kind.Explorer):
+    """Acts in E environments; MPPI plans in the first ``planning_environments`` of a run's.
 
     Args:
         model: the world model that is being trained.
         config: all settings.
         bounds: of the robot's actions.
+        lanes: (E,) numbers of the environments among all of the run.
         seed: of all randomness in acting.
     """
 
-    def __init__(self, model: WorldModel, config: Config, bounds: ActionBounds, seed: int) -> None:
+    def __init__(
+        self,
+        model: WorldModel,
+        config: Config,
+        bounds: ActionBounds,
+        lanes: NDArray[np.integer],
+        seed: int,
+    ) -> None:
         self.decisions = 0
         self.rng = np.random.default_rng(seed)
         self.generator = torch.Generator().manual_seed(seed)
         self._model, self._config = model, config
         self._half = torch.from_numpy(bounds.half)
-        count, horizon = config.training.environments, config.planner.horizon
+        count, horizon = len(lanes), config.planner.horizon
         self._evaluator = PlainEvaluator(model)
         self._queue = PlanQueue(count, horizon)
         self._left = np.zeros(count, np.int64)
@@ -64,7 +61,7 @@ class Explorer:
             (count, 2), training.noise, training.noise_correlation, self.rng
         )
         self._last = torch.zeros(count, 2)
-        self._planning = np.arange(count) < config.training.planning_environments
+        self._planning = lanes < config.training.planning_environments
 
     @property
     def epsilon(self) -> float:
@@ -82,6 +79,10 @@ class Explorer:
     @torch.no_grad()
     def act(self, sensed: Sensed) -> Acts:
         """Decide where a decision is due and return everybody's next action."""
+        with training_precision(self._config.training.bfloat16):
+            return self._act(sensed)
+
+    def _act(self, sensed: Sensed) -> Acts:
         count = len(self._left)
         inputs = Inputs(*map(torch.from_numpy, sensed))
         z = self._model.encode(inputs)
@@ -125,7 +126,7 @@ class Explorer:
             "generator": self.generator.get_state(),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned."""
         self.decisions = state["decisions"]
         self.rng.bit_generator.state = state["rng"]

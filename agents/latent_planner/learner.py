@@ -7,14 +7,22 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from crowdbench_agents.latent_planner.losses import model_loss, policy_loss
 from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning import kind
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.precision import training_precision
+from crowdbench_agents.learning.stopwatch import Stopwatch
+from crowdbench_agents.learning.validation import Act, PolicyInput
+from numpy.typing import NDArray
 from torch import Tensor
+
+CPU = torch.device("cpu")
 
 DEAD_SPREAD = 0.01
 """A latent state that differs less than this between observations tells nothing any more."""
@@ -22,17 +30,20 @@ DEAD_SPREAD = 0.01
 _SCALE_RATE = 0.01  # of the running spread of Q
 
 
-class Learner:
+class Learner(kind.Learner):
     """Trains a world model and its policy.
 
     Args:
         config: all settings.
         seed: of the initial parameters and of the noise in the losses.
+        device: where the networks are trained.
     """
 
-    def __init__(self, config: Config, seed: int) -> None:
+    def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
         self.config = config
+        self.count, self.horizon = config.training.batch, config.planner.horizon
+        self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
         self.model = WorldModel(config.model, config.perception.cells)
         self.target = copy.deepcopy(self.model).requires_grad_(False)
@@ -58,6 +69,11 @@ class Learner:
             name: [group["lr"] for group in optimizer.param_groups]
             for name, optimizer in self._optimizers.items()
         }
+
+    @property
+    def network(self) -> WorldModel:
+        """The world model."""
+        return self.model
 
     @property
     def alpha(self) -> float:
@@ -124,6 +140,24 @@ class Learner:
                 "lower loss.consistency or use model.dynamics: residual"
             )
 
+    def scalars(self) -> dict[str, float]:
+        """Entropy coefficient and scale of Q."""
+        return {"alpha": self.alpha, "q_scale": self.q_scale}
+
+    def policy(self) -> Act:
+        """Act by the present policy, without noise."""
+        act = policy_act(self.model)
+
+        def in_precision(given: PolicyInput) -> NDArray[np.float32]:
+            with self.precision():
+                return act(given)
+
+        return in_precision
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The world model's parameters."""
+        return self.model.state_dict()
+
     def precision(self) -> torch.autocast:
         """The context in which networks are evaluated in training."""
         return training_precision(self.config.training.bfloat16)
@@ -140,7 +174,7 @@ class Learner:
             "generator": self.generator.get_state(),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned."""
         self.model.load_state_dict(state["model"])
         self.target.load_state_dict(state["target"])
@@ -183,3 +217,13 @@ class Learner:
         slow: list[Tensor] = list(self.target.parameters())
         fast: list[Tensor] = list(self.model.parameters())
         torch._foreach_lerp_(slow, fast, rate)
+
+
+def policy_act(model: WorldModel) -> Act:
+    """Act by a world model's policy alone, without noise."""
+
+    @torch.no_grad()
+    def act(given: PolicyInput) -> NDArray[np.float32]:
+        return model.act(model.encode(Inputs(*map(torch.from_numpy, given.sensed)))).numpy()
+
+    return act

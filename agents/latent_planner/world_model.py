@@ -135,10 +135,11 @@ class WorldModel(nn.Module):
         return torch.tanh(before), (log_prob - log_slope).sum(dim=-1)
 
 
+def make_world_model(config: Config) -> WorldModel:
+    """The world model of a configuration, with random parameters."""
+    return WorldModel(config.model, config.perception.cells)
+
+
 def load_world_model(path: str | Path) -> tuple[WorldModel, Config, dict[str, Any]]:
     """Make a world model from a weights file, as ``load_network`` does."""
-
-    def make(config: Config) -> WorldModel:
-        return WorldModel(config.model, config.perception.cells)
-
-    return load_network(Path(path), FORMAT, make)
+    return load_network(Path(path), FORMAT, make_world_model)

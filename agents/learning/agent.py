@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -20,6 +20,7 @@ from crowdbench.messages import short
 if TYPE_CHECKING:
     from crowdbench_agents.learning.config import Config
     from crowdbench_agents.learning.inputs import Inputs
+    from torch import Tensor
 
 
 class LearnedAgent(crowdbench.Agent):
@@ -78,6 +79,26 @@ class LearnedAgent(crowdbench.Agent):
     @abstractmethod
     def _choose(self, inputs: Inputs) -> NDArray[np.float32]:
         """The action (2,) in [-1, 1] for a batch of one observation."""
+
+    def export_onnx(self, path: Path) -> None:
+        """Write what acts as an ONNX file, which the agent ``onnx`` drives by.
+
+        Raises:
+            ValueError: what acts is no network, or a package is missing.
+            OSError: the file cannot be written.
+        """
+        policy = self._policy()
+        from crowdbench_agents.learning.onnx_export import export_policy
+
+        export_policy(path, self._network, policy, self._config, self._trained)
+
+    @abstractmethod
+    def _policy(self) -> Callable[[Inputs], Tensor]:
+        """What acts, as a function of inputs (B, ...) whose values are actions (B, 2) in [-1, 1].
+
+        Raises:
+            ValueError: there is no such function; the message says with which options there is.
+        """
 
     def _find(self, weights: str) -> Path:
         if not isinstance(weights, str):

@@ -22,6 +22,8 @@ from crowdbench_agents.learning.seeds import DEMONSTRATIONS
 from crowdbench_agents.learning.vector_env import VectorEnv
 from numpy.typing import NDArray
 
+import crowdbench
+
 LANES = 8
 BURST = 10  # steps between decisions whether noise is added
 NOISE = 0.7  # std of the noise in a burst, actions in [-1, 1]
@@ -29,13 +31,14 @@ NOISE_CORRELATION = 0.8
 
 
 def open_replays(
-    folder: Path, config: Config, envs: VectorEnv, social: bool
+    folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
 ) -> tuple[Replay, Replay | None]:
     """The replay of a run in ``folder``, and the demonstrations where it has some."""
     settings, geometry = config.training, config.perception.geometry
-    detour = Detour(settings.detour_price, envs.robot.control_period)
-    rows = -(-settings.replay // envs.count)
-    replay = Replay(envs.count, rows, geometry.cells, social, detour, folder / "replay")
+    detour = Detour(settings.detour_price, robot.control_period)
+    count = settings.environments
+    rows = -(-settings.replay // count)
+    replay = Replay(count, rows, geometry.cells, social, detour, folder / "replay")
     if not settings.demonstrations:
         return replay, None
     return replay, load_demonstrations(
@@ -69,7 +72,7 @@ def load_demonstrations(
     rows = -(-transitions // LANES) + 400
     replay = Replay(LANES, rows, geometry.cells, social, detour, folder)
     if len(replay) < transitions:
-        replay.mark_episode_ends()
+        replay.mark_episode_ends(np.arange(LANES))
         _record(replay, expert, transitions, geometry, progress)
     return replay
 
@@ -103,11 +106,11 @@ def _record(
         action = np.clip(reference + added * noisy[:, None], -1, 1).astype(np.float32)
         before = envs.sensed.copy()
         result = envs.step(everywhere, envs.bounds.physical(action))
-        replay.append_step(before, action, result, reference, source, envs.sensed)
+        replay.append_step(everywhere, before, action, result, reference, source, envs.sensed)
         age += 1
         begin(np.flatnonzero(result.over))
         progress(len(replay))
-    replay.mark_episode_ends()
+    replay.mark_episode_ends(everywhere)
 
 
 def _episodes(begun: int) -> Iterator[tuple[str, int]]:

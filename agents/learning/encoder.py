@@ -24,7 +24,7 @@ class Encoder(nn.Module):
             foresees collisions better (docs/training_notes.md) at twice the arithmetic.
     """
 
-    _bits: Tensor
+    _frame: Tensor
 
     def __init__(self, cells: int, latent: int, form: Literal["coarse", "fine"]) -> None:
         super().__init__()
@@ -34,11 +34,12 @@ class Encoder(nn.Module):
         self.f_goal = nn.Sequential(nn.Linear(5, 64), nn.SiLU())
         features = 64 * (cells // 8) ** 2 if self._fine else 128 * (cells // 16) ** 2
         self.fuse = nn.Linear(features + 32 + 64, latent)
-        self.register_buffer("_bits", torch.arange(FRAMES, dtype=torch.uint8), persistent=False)
+        bits = torch.tensor([1 << frame for frame in range(FRAMES)], dtype=torch.uint8)
+        self.register_buffer("_frame", bits.view(-1, 1, 1), persistent=False)
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Inputs (B, ...) -> features (B, latent), not yet normalised."""
-        frames = (inputs.map.unsqueeze(-3) >> self._bits.view(-1, 1, 1)) & 1
+        frames = (inputs.map.unsqueeze(-3) & self._frame).clamp(max=1)
         frames = frames.to(self.fuse.weight.dtype)
         if self._fine:
             frames = frames.contiguous(memory_format=torch.channels_last)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from crowdbench_agents.learning.perception import reflect
+from crowdbench_agents.learning.trained_robot import TrainedRobot
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -44,7 +45,7 @@ class ActionBounds(NamedTuple):
     half: NDArray[np.float32]
 
     @classmethod
-    def of(cls, robot: crowdbench.RobotSpec) -> ActionBounds:
+    def of(cls, robot: crowdbench.RobotSpec | TrainedRobot) -> ActionBounds:
         """The bounds of a robot."""
         low, high = np.array([robot.speed, robot.turn_rate], np.float32).T
         return cls((low + high) / 2, (high - low) / 2)

@@ -104,6 +104,7 @@ class Replay:
 
     def append_step(
         self,
+        lanes: NDArray[np.integer],
         before: Sensed,
         action: NDArray[np.float32],
         result: Outcomes,
@@ -111,27 +112,28 @@ class Replay:
         source: NDArray[np.uint8],
         after: Sensed,
     ) -> None:
-        """Add one step of all lanes, and the final observation of each episode that it ended.
+        """Add one step of some lanes, and the final observation of each episode that it ended.
 
         Args:
-            before, after: observations of all lanes.
-            action: (lanes, 2) executed, in [-1, 1].
+            lanes: (N,) which they are.
+            before, after: their observations.
+            action: (N, 2) executed, in [-1, 1].
             result: what it did.
             reference, source: as in ``Rows``.
         """
-        everywhere = np.arange(self.lanes)
-        collision, final = result.outcome == "collision", np.zeros(self.lanes, bool)
+        collision, final = result.outcome == "collision", np.zeros(len(lanes), bool)
         rows = Rows(
             before.map, before.velocity, before.goal, action, result.reward, result.social,
             result.end, collision, final, reference, source,
         )  # fmt: skip
-        self.append(everywhere, rows)
+        self.append(lanes, rows)
         over = np.flatnonzero(result.over)
-        self.append(over, final_rows(after.map[over], after.velocity[over], after.goal[over]))
+        last = final_rows(after.map[over], after.velocity[over], after.goal[over])
+        self.append(lanes[over], last)
 
-    def mark_episode_ends(self) -> None:
-        """Mark the newest row of each lane as final: what follows is another episode."""
-        begun = np.flatnonzero(self._written)
+    def mark_episode_ends(self, lanes: NDArray[np.integer]) -> None:
+        """Mark the newest row of some lanes (N,) as final: what follows is another episode."""
+        begun = lanes[self._written[lanes] > 0]
         self._data.final[begun, (self._written[begun] - 1) % self.rows] = True
 
     def sample(

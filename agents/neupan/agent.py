@@ -109,6 +109,8 @@ def load_settings(path: Path = FOLDER / "config.yaml") -> Settings:
 class Neupan(crowdbench.Agent):
     """Drives by proximal alternating minimisation; counts what went wrong."""
 
+    version = "0.1.0"
+
     def __init__(
         self,
         exact: Annotated[bool | None, Strict()] = None,

@@ -1,7 +1,8 @@
-"""Soft Actor-Critic as an agent: the trained actor's mean action, without Stable-Baselines3."""
+"""Soft Actor-Critic as an agent: the trained actor's mean action."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from crowdbench_agents.learning.config import Config
     from crowdbench_agents.learning.inputs import Inputs
     from crowdbench_agents.sac.networks import SacActor
+    from torch import Tensor
 
 
 class Sac(LearnedAgent):
@@ -22,6 +24,7 @@ class Sac(LearnedAgent):
         weights: name of shipped weights, or path of a ``.safetensors`` file.
     """
 
+    version: ClassVar[str] = "0.1.0"
     trainer: ClassVar[str] = "sac"
     folder: ClassVar[Path] = Path(__file__).parent / "weights"
 
@@ -31,6 +34,10 @@ class Sac(LearnedAgent):
     def _choose(self, inputs: Inputs) -> NDArray[np.float32]:
         actor: SacActor = self._network
         return actor(inputs)[0].numpy()
+
+    def _policy(self) -> Callable[[Inputs], Tensor]:
+        actor: SacActor = self._network
+        return actor
 
     def _load(self, path: Path) -> tuple[SacActor, Config, dict[str, Any]]:
         from crowdbench_agents.sac.networks import load_actor

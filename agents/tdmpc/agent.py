@@ -18,6 +18,7 @@ class Tdmpc(LatentPlanner):
     Options are those of LatentPlanner.
     """
 
+    version: ClassVar[str] = "0.1.0"
     trainer: ClassVar[str] = "tdmpc"
     folder: ClassVar[Path] = Path(__file__).parent / "weights"
     own_weights: ClassVar[str] = "tdmpc"

@@ -17,6 +17,9 @@ from crowdbench.agent import AgentError
 from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
+from crowdbench.cli.export_minari import export_minari
+from crowdbench.cli.export_onnx import export_onnx
+from crowdbench.cli.merge import merge
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
 from crowdbench.cli.recompute import recompute
@@ -30,6 +33,7 @@ from crowdbench.cli.tables import tables
 from crowdbench.cli.train import train
 from crowdbench.cli.transfer import export, import_results
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.metric import MetricError
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import ScenarioError
@@ -42,7 +46,7 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export, publish,
+    export, export_minari, export_onnx, merge, publish,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)
@@ -60,7 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
     except (
-        UserError, ScenarioError, AgentError, ResultsError, MetricError, UnknownNameError
+        UserError, ScenarioError, AgentError, ResultsError, MetricError, ExecutorError,
+        UnknownNameError,
     ) as error:  # fmt: skip
         console = err()
         console.print(" ".join(str(error).split()), style="bold red", markup=False, soft_wrap=True)

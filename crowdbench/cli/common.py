@@ -31,6 +31,17 @@ AloneOption = Annotated[
         f"and those in {RESULTS} where nothing is published.",
     ),
 ]
+ExecutorOption = Annotated[
+    str, typer.Option("--executor", metavar="NAME", help="Where agents run: local or ray.")
+]
+AddressOption = Annotated[
+    str | None,
+    typer.Option(
+        "--address",
+        metavar="HOST:PORT",
+        help="Of the Ray cluster's head; by default the cluster that Ray finds, else this machine.",
+    ),
+]
 AgentOption = Annotated[
     str, typer.Option("--agent", "-a", help="NAME[:OPTION=VALUE,...] or FILE.py:CLASS.")
 ]

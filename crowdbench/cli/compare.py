@@ -30,8 +30,13 @@ def compare(
     results: ResultsOption = RESULTS,
 ) -> None:
     """Compare two agents on shared episodes, your own and published ones."""
-    from crowdbench.cli.printing import print_comparison, print_published
+    from crowdbench.cli.printing import (
+        print_comparison,
+        print_not_computed,
+        print_published,
+    )
     from crowdbench.evaluation.metrics import METRICS
+    from crowdbench.evaluation.rows import not_computed
     from crowdbench.evaluation.statistics import PairingError, per_episode
     from crowdbench.evaluation.statistics import compare as compare_tables
 
@@ -40,7 +45,7 @@ def compare(
     a, b = (_stored(results, text, scenario) for text in (first, second))
     for text, rows in ((first, a), (second, b)):
         for name in metric or []:
-            if name not in rows:
+            if not_computed(rows).get(name) == len(rows):
                 raise UserError(f"{results}: the episodes of {text} are older than metric {name!r}")
     same = ["scenario", "scenario_digest"]
     a, b = a.merge(b[same].drop_duplicates()), b.merge(a[same].drop_duplicates())
@@ -50,6 +55,7 @@ def compare(
         raise UserError(f"{first} and {second} cannot be compared: {error}") from error
     console = out()
     print_comparison(console, table, first, second)
+    print_not_computed(console, {first: a, second: b}, list(chosen))
     print_published(console, {first: a, second: b})
 
 
@@ -65,12 +71,12 @@ def _stored(folder: Path, text: str, scenarios: Sequence[str] | None) -> pd.Data
         known = sorted(set(published_and_local(folder)["agent"]))
         hint = nearest(name, known) if known else "; nothing is stored there"
         if outdated:
-            hint = f"; the record of {name!r} is of scenarios that are defined otherwise by now"
+            hint = f"; the record of {name!r} is {next(iter(outdated.values()))}"
         raise UserError(f"{folder}: no episodes of agent {name!r}{hint}")
     for scenario in scenarios or []:
         if scenario not in set(rows["scenario"]):
             hint = nearest(scenario, sorted(set(rows["scenario"])))
-            if (scenario, name) in read_record(scenario, name).outdated:
-                hint = f"; the record of {scenario!r} is of another definition than today's"
+            for reason in read_record(scenario, name).outdated.values():
+                hint = f"; the record of {scenario!r} is {reason}"
             raise UserError(f"{folder}: no episodes of {name!r} in scenario {scenario!r}{hint}")
     return rows[rows["scenario"].isin(scenarios)] if scenarios else rows

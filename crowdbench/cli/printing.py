@@ -15,6 +15,7 @@ from rich.table import Table
 from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, ResultsStore, one_line
+from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.runner import Missing
 from crowdbench.evaluation.scoring import TRUSTED_SHARE, waited
 from crowdbench.evaluation.statistics import Estimate, estimates, per_episode
@@ -54,16 +55,24 @@ def print_tables(
             for gap in (len(lacking.get(cell, ())), *([0] if cell in published else []))
         ]
         episodes = [per_episode(part, METRICS) for part in columns]
+        lacking_metrics = [not_computed(part) for part in columns]
         for name, metric in METRICS.items():
             if metric.main:
                 found = estimates((metric, values[name]) for values in episodes)
-                table.add_row(_heading(name), *(_interval(metric, item) for item in found))
+                shown = [
+                    _interval(metric, item) if older.get(name) != len(part) else "not computed"
+                    for item, part, older in zip(found, columns, lacking_metrics, strict=True)
+                ]
+                table.add_row(_heading(name), *shown)
         counts = map(_count, columns, gaps)
         table.add_row("episodes", *counts)
         table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
         console.print()
     print_published(console, {cell.agent: part for cell, part in published.items()})
+    main = [name for name, metric in METRICS.items() if metric.main]
+    named = {f"{cell.agent} in {cell.scenario}": part for cell, part in rows.items()}
+    print_not_computed(console, named, main)
     for cell, table in rows.items():
         _print_errors(console, cell, table)
         _print_waits(console, cell, table)
@@ -128,6 +137,22 @@ def print_published(console: Console, rows: Mapping[str, pd.DataFrame]) -> None:
             )
 
 
+def print_not_computed(
+    console: Console, rows: Mapping[str, pd.DataFrame], metrics: Sequence[str]
+) -> None:
+    """Say of each name which metrics some of its rows are too old for."""
+    for name, part in rows.items():
+        older = not_computed(part)
+        for metric in metrics:
+            if metric in older:
+                console.print(
+                    f"{name}: {metric} is not computed in {older[metric]:,} of {len(part):,} rows, "
+                    "which are older; crowdbench recompute fills it in",
+                    markup=False,
+                    soft_wrap=True,
+                )
+
+
 def _table(title: str) -> Table:
     return Table(
         title=escape(title),
@@ -156,6 +181,7 @@ def _cell_document(
         "complete": not missing,
         "missing": [{"seed": one.seed, "reason": one_line(one.reason)} for one in missing],
         "overloaded": int(waited(rows).sum()),
+        "not_computed": not_computed(rows),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
         "metrics": dict(zip(METRICS, map(_estimate_document, found), strict=True)),
         "errors": [

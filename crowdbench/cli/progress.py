@@ -34,7 +34,7 @@ class ProgressBar:
         )
         self._line = self._bar.add_task("loading", total=total, outcomes="")
         self._outcomes: Counter[str] = Counter()
-        self._latest = Progress(total, stored=0, done=0)
+        self._latest = Progress(total, stored=0, done=0, jobs=0)
 
     def __enter__(self) -> ProgressBar:
         self._bar.start()

@@ -36,9 +36,9 @@ def recompute(
     """
     from rich.progress import Progress
 
+    from crowdbench.evaluation.machine import core_count
     from crowdbench.evaluation.recompute import recompute as recompute_results
     from crowdbench.evaluation.recompute_record import recompute_record
-    from crowdbench.evaluation.runner import core_count
 
     if record is not None:
         if results is not None:

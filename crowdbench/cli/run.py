@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import sys
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -13,10 +15,13 @@ from crowdbench.cli.common import (
     DEFAULT_AGENT,
     DEFAULT_SCENARIO,
     RESULTS,
+    AddressOption,
+    ExecutorOption,
     ResultsOption,
     SetOption,
     out,
 )
+from crowdbench.cli.shard import Shard
 from crowdbench.scenario import load_scenario, parse_overrides
 
 MOST_EPISODES = 1_000_000
@@ -44,6 +49,16 @@ def run(
     ] = 0,
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
+    ] = None,
+    executor: ExecutorOption = "local",
+    address: AddressOption = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Run the I-th of N parts alone, to shard-I-of-N in the results folder; "
+            "crowdbench merge puts them together.",
+        ),
     ] = None,
     overrides: SetOption = None,
     results: ResultsOption = RESULTS,
@@ -76,15 +91,23 @@ def run(
     worlds = [load_scenario(name, **changes) for name in names]
     specs = {str(spec): spec for spec in map(AgentSpec.parse, agent or [DEFAULT_AGENT])}
     seeds = range(seed, seed + episodes)
+    if shard is not None:
+        part = Shard.parse(shard)
+        seeds, results = part.seeds(seeds), part.folder(results)
     tasks = [Task(world, spec, seeds) for world in worlds for spec in specs.values()]
     missing: Sequence[Missing] = ()
-    with ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar:
+    with (
+        ProgressBar(sum(len(task.seeds) for task in tasks), quiet=as_json) as bar,
+        contextlib.redirect_stdout(sys.stderr),  # what executors' libraries have to say
+    ):
         try:
             cells = run_tasks(
                 tasks,
                 results,
                 jobs=jobs,
                 limits=Limits(step=step_limit),
+                executor=executor,
+                address=address,
                 retry_errors=retry_errors,
                 on_progress=bar.update,
                 on_note=bar.note,

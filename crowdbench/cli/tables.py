@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +14,9 @@ from crowdbench.cli.common import (
     DEFAULT_STUDY,
     PUBLISHED,
     RESULTS,
+    AddressOption,
     AloneOption,
+    ExecutorOption,
     UserError,
     err,
     out,
@@ -37,6 +41,8 @@ def tables(
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes, by default one per core.")
     ] = None,
+    executor: ExecutorOption = "local",
+    address: AddressOption = None,
     results: AloneOption = None,
 ) -> None:
     """Write a study's tables, verdicts, figures and page from the stored episodes.
@@ -44,7 +50,6 @@ def tables(
     They are made from published rows and one's own. The default study goes to results/ (or the
     folder of --results), others go to studies/NAME in the folder of one's own results.
     """
-    from crowdbench.evaluation.runner import core_count
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
     from crowdbench.study.library import load_study
@@ -56,7 +61,7 @@ def tables(
         raise UserError(str(error)) from error
     folder, home = results or RESULTS, results or PUBLISHED
     target = home if study == DEFAULT_STUDY else folder / "studies" / wanted.name
-    complete = not run or _run(wanted, folder, jobs or core_count(), alone=results is not None)
+    complete = not run or _run(wanted, folder, jobs, results is not None, executor, address)
     begun = time.perf_counter()
     written = write_study(wanted, home, target, rows_for(results))
     console = out()
@@ -74,7 +79,14 @@ def tables(
         raise typer.Exit(1)
 
 
-def _run(study: Study, folder: Path, jobs: int, alone: bool) -> bool:
+def _run(
+    study: Study,
+    folder: Path,
+    jobs: int | None,
+    alone: bool,
+    executor: str,
+    address: str | None,
+) -> bool:
     """Run what is missing, published or not if alone.
 
     Returns:
@@ -96,10 +108,20 @@ def _run(study: Study, folder: Path, jobs: int, alone: bool) -> bool:
     for reason, agents in reasons.items():
         told = f"not run: {'; '.join(agents)}: {reason}"
         console.print(told, style="yellow", markup=False, soft_wrap=True)
-    with _Display() as display:
+    # What executors' libraries have to say does not belong between the tables.
+    with _Display() as display, contextlib.redirect_stdout(sys.stderr):
         try:
             published = None if alone else load_record()
-            forecast = run_missing(folder, study, outlook, jobs, display.update, published)
+            forecast = run_missing(
+                folder,
+                study,
+                outlook,
+                jobs,
+                display.update,
+                published,
+                executor=executor,
+                address=address,
+            )
         except KeyboardInterrupt:
             display.close()
             console.print(
@@ -113,7 +135,7 @@ def _run(study: Study, folder: Path, jobs: int, alone: bool) -> bool:
             console.print(" ".join(told.split()), style="red", markup=False, soft_wrap=True)
             return False
     whole = forecast.seconds_for(cell for cell in plan if cell.agent in outlook.weights)
-    console.print(f"A full run with {jobs} processes takes about {duration(whole)}.")
+    console.print(f"A full run with {forecast.jobs} processes takes about {duration(whole)}.")
     return not outlook.broken
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.measured import OUTCOMES, is_proportion
+from crowdbench.evaluation.record import FIRST_WORLD
 from crowdbench.evaluation.results import Cell, Origin, Result
 from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
@@ -31,8 +32,10 @@ Key = tuple[tuple[str, ...], int, str]
 Motion = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Actions (T, 2) as executed, and seconds (T,) in ``act``."""
 
-_CELL = tuple(field.name for field in fields(Cell))
-_FACTS = ("seed", "robot", "outcome", "steps", "error", "diagnostics", "machine", "timestamp")
+_CELL = tuple(field.name for field in fields(Cell) if field.name != "world")
+_FACTS = (
+    "seed", "robot", "outcome", "steps", "error", "diagnostics", "machine", "version", "timestamp"
+)  # fmt: skip
 _FIXED = struct.Struct("<4sLBBH")  # magic, method and flags; time; extra flags; system; XLEN
 _MAGIC = b"\x1f\x8b\x08\x04"  # deflate, with an extra field
 _SUBFIELD = struct.Struct("<2sHQ")  # identifier, length of what follows, length of the member
@@ -67,7 +70,7 @@ def read_csv_cells(folder: Path) -> Iterator[CsvCell]:
         motions = _motions(folder / "trajectories" / place / f"{path.stem}.jsonl.gz")
         cells: dict[Cell, list[Result]] = {}
         for number, row in _rows(path):
-            cell = Cell(**{name: row[name] for name in _CELL})
+            cell = Cell(**{name: row[name] for name in _CELL}, world=FIRST_WORLD)
             try:
                 result = _result(cell, row, motions)
             except ValueError as error:
@@ -116,7 +119,7 @@ def _result(cell: Cell, row: Mapping[str, str], motions: Mapping[Key, Motion]) -
         {name: float(row[name]) for name in names},
         row["error"],
         _counters(row["diagnostics"]),
-        Origin(machine=row["machine"], timestamp=row["timestamp"]),
+        Origin(row["machine"], version=row["version"], timestamp=row["timestamp"]),
         actions,
         times,
     )

@@ -31,7 +31,7 @@ CREATE TABLE cells (
     options TEXT NOT NULL,
     weights_sha256 TEXT NOT NULL,
     code TEXT NOT NULL,
-    series TEXT NOT NULL,       -- the first two numbers of crowdbench's version
+    series TEXT NOT NULL,       -- version of the world
     definition TEXT NOT NULL,   -- the scenario as JSON, empty if it is not known
     UNIQUE (scenario, scenario_digest, agent, weights_sha256, code, series)
 ) STRICT;

@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from collections.abc import Iterable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,12 @@ from crowdbench.agent import Action, Agent, Observation, RobotSpec
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.episode import Episode
-from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
+from crowdbench.evaluation.machine import machine_name
+from crowdbench.evaluation.results import Cell, Origin, ResultsStore, scenario_label
 from crowdbench.evaluation.rollout import run_episode
-from crowdbench.evaluation.runner import machine_name
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario
+from crowdbench.simulation import WORLD_VERSION
 from crowdbench.simulation.env import CrowdEnv
 
 HUMAN = "human"
@@ -189,7 +189,7 @@ def human_cell(scenario: Scenario) -> Cell:
         scenario_digest=scenario.digest,
         agent=HUMAN,
         options="{}",
-        version=version("crowdbench-nav"),
+        world=WORLD_VERSION,
         weights_sha256="",
         code="keyboard",
     )
@@ -210,6 +210,7 @@ def store_drive(scenario: Scenario, episode: Episode, folder: Path) -> Path:
     require_writable(folder)
     cell, store = human_cell(scenario), ResultsStore(folder)
     driven = [Driven.of(episode)]
-    results = Scorer().score(scenario, HUMAN, episode.seed, driven, machine_name())
+    origin = Origin.of(machine_name()).now()
+    results = Scorer().score(scenario, HUMAN, episode.seed, driven, origin)
     store.append(cell, results, scenario)
     return store.path

@@ -11,6 +11,8 @@ import sqlite3
 from collections.abc import Iterable, Mapping
 
 OUTCOMES = ("success", "collision", "timeout", "agent_error")
+NOT_COMPUTED = "not_computed"
+"""Column of rows: the metrics that they were never measured with, separated by spaces."""
 
 
 def definitions(names: Iterable[str]) -> dict[str, str]:
@@ -18,6 +20,14 @@ def definitions(names: Iterable[str]) -> dict[str, str]:
     from crowdbench.evaluation.metrics import METRICS
 
     return {name: METRICS[name].definition if name in METRICS else "" for name in names}
+
+
+def lacking(known: Iterable[str]) -> str:
+    """What ``NOT_COMPUTED`` says of rows that were measured with the metrics ``known``."""
+    from crowdbench.evaluation.metrics import METRICS
+
+    there = set(known)
+    return " ".join(name for name in METRICS if name not in there)
 
 
 def is_proportion(name: str) -> bool:

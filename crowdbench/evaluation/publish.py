@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from crowdbench.evaluation.joined import cells_of
 from crowdbench.evaluation.record import Key, load_commands, load_record, write_cell
 from crowdbench.evaluation.results import Cell, load_driven, load_results, scenario_label
-from crowdbench.evaluation.rows import metric_columns
+from crowdbench.evaluation.rows import metric_columns, not_computed
 from crowdbench.scenario import load_scenario
 
 if TYPE_CHECKING:
@@ -87,15 +87,17 @@ def publish(plan: Iterable[tuple[str, str, int]], results: Path, record: Path) -
             )
             continue
         change = _publish_cell(cell, local, old, results, record)
-        if change is not None:
+        if isinstance(change, str):
+            outcome.refused.append(f"{agent} in {label}: {change}")
+        elif change is not None:
             outcome.changes.append(change)
     return outcome
 
 
 def _publish_cell(
     cell: Cell, local: pd.DataFrame, old: pd.DataFrame, results: Path, record: Path
-) -> Change | None:
-    """Write one cell; None if all of it is published already."""
+) -> Change | str | None:
+    """Write one cell; None if all of it is published already, or why it was not written."""
     import pandas as pd
 
     kept = load_commands(cell, record)
@@ -121,6 +123,13 @@ def _publish_cell(
         times |= {(seed, robot): took for robot, took in kept.times(seed).items()}
     fresh = local[local["seed"].isin(new)]
     rows = pd.concat([part for part in (old[~old["seed"].isin(new)], fresh) if len(part)])
+    # A file says by its columns what all of its rows were measured with.
+    partly = [name for name, count in not_computed(rows).items() if count < len(rows)]
+    if partly:
+        return (
+            f"some rows, published or local, are older than {', '.join(partly)}; crowdbench "
+            "recompute fills it in"
+        )
     write_cell(record, cell, rows, commands, times)
     replaced = [seed for seed in new if seed in there]
     outcomes, differences = _differences(old, fresh)

@@ -34,6 +34,8 @@ from crowdbench.evaluation.remeasure import (
     remeasure,
 )
 from crowdbench.evaluation.stored import defined_scenario
+from crowdbench.messages import short
+from crowdbench.simulation import WORLD_VERSION
 
 
 @dataclass(frozen=True)
@@ -87,13 +89,20 @@ def recompute(
 def _cells(connection: sqlite3.Connection, found: Recomputed) -> list[_Cell]:
     """Those whose episodes can be simulated; the others are noted."""
     query = """
-        SELECT cells.id, scenario, agent, scenario_digest, definition, count(*), count(commands)
+        SELECT cells.id, scenario, agent, series, scenario_digest, definition, count(*),
+            count(commands)
         FROM cells JOIN episodes ON cell = cells.id LEFT JOIN actions ON episode = episodes.id
         GROUP BY cells.id ORDER BY scenario, agent, cells.id"""
     cells = []
-    for number, label, agent, digest, definition, rows, kept in connection.execute(query):
+    for number, label, agent, world, digest, definition, rows, kept in connection.execute(query):
         scenario = defined_scenario(label, digest, definition)
         name = f"{agent} in {label}"
+        if world != WORLD_VERSION:
+            found.without_commands.append(
+                f"{name}: {rows} rows of world {short(world)}, and this crowdbench simulates world "
+                f"{WORLD_VERSION}"
+            )
+            continue
         if kept and scenario is None:
             found.without_commands.append(
                 f"{name}: {rows} rows of a scenario that is not known as it was (digest {digest})"

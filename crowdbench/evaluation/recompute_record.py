@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.joined import cells_of
+from crowdbench.evaluation.measured import NOT_COMPUTED
 from crowdbench.evaluation.record import (
     Commands,
     Key,
@@ -110,8 +111,8 @@ def _cells(folder: Path, found: Recomputed) -> list[Cell]:
         if lacking < len(rows):
             cells.append(cell)
     found.without_commands += [
-        f"{agent} in {scenario}: rows of a scenario that is not known as it was"
-        for scenario, agent in published.outdated
+        f"{agent} in {scenario}: rows {reason}"
+        for (scenario, agent), reason in published.outdated.items()
     ]
     return cells
 
@@ -150,7 +151,7 @@ def _fill_in(
     stored: _Cell, values: Mapping[Key, Mapping[str, float]], folder: Path, found: Recomputed
 ) -> None:
     """Write a cell with what is new of its rows; those without commands have no value."""
-    rows, commands = stored.rows.copy(), stored.commands
+    rows, commands = stored.rows.drop(columns=NOT_COMPUTED), stored.commands
     keys = list(zip(rows["seed"], rows["robot"], strict=True))
     for name in dict.fromkeys(name for new in values.values() for name in new):
         rows[name] = [values.get(key, {}).get(name, math.nan) for key in keys]

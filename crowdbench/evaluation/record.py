@@ -29,8 +29,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.evaluation.measured import NOT_COMPUTED, lacking
 from crowdbench.evaluation.results import Cell, ResultsError, slug
+from crowdbench.messages import short
 from crowdbench.scenario import ScenarioError, load_scenario
+from crowdbench.simulation import WORLD_VERSION
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,12 +43,16 @@ Key = tuple[int, str]
 
 INSTALLED_SEEDS = range(100)
 """Seeds whose commands are installed with crowdbench."""
-VERSIONS = ("architecture", "pymunk", "numpy", "torch")
-"""What an episode ran on, beside the machine; empty in rows that 0.1.0 has stored."""
+VERSIONS = ("architecture", "version", "pymunk", "numpy", "torch")
+"""What an episode ran on, beside the machine; empty or "0.1.0" in rows that 0.1.0 has stored."""
+FIRST_WORLD = "0.1"
+"""The world of rows that do not name one, as 0.1.0 has stored them."""
 _IDENTITY = tuple(field.name for field in fields(Cell))
-_FACTS = ("robot", "outcome", "error", "diagnostics", "machine", *VERSIONS, "timestamp")
-_FIRST = (*_IDENTITY, "seed", "robot", "outcome")
 _LAST = ("steps", "error", "diagnostics", "machine", *VERSIONS, "timestamp")
+_FACTS = ("robot", "outcome", *_LAST[1:])
+_FIRST = (*_IDENTITY, "seed", "robot", "outcome")
+_ADDED = ("source", NOT_COMPUTED)
+"""Columns that rows have once they are read; no file has them."""
 _ARRAYS = ("seeds", "robots", "lengths", "commands", "inference")
 _DAMAGE = (
     OSError, EOFError, ValueError, KeyError, OverflowError, zlib.error, zipfile.BadZipFile
@@ -57,11 +64,11 @@ class Published(NamedTuple):
 
     Attributes:
         rows: as ``load_results`` gives them, with ``source`` "published".
-        outdated: scenario and agent of cells whose scenario is defined otherwise by now.
+        outdated: by scenario and agent why the rows of other cells do not count any more.
     """
 
     rows: pd.DataFrame
-    outdated: list[tuple[str, str]]
+    outdated: dict[tuple[str, str], str]
 
 
 class Commands:
@@ -116,7 +123,7 @@ def record_folder() -> Path:
 def load_record(
     scenario: str | None = None, agent: str | None = None, folder: Path | None = None
 ) -> pd.DataFrame:
-    """The rows of ``read_record``, those of scenarios as they are today."""
+    """The rows of ``read_record``, those of scenarios and the world as they are today."""
     return read_record(scenario, agent, folder).rows
 
 
@@ -136,19 +143,23 @@ def read_record(
     import pandas as pd
 
     folder = folder or record_folder()
-    tables, outdated = [], []
+    tables, outdated = [], dict[tuple[str, str], str]()
     digests: dict[str, str | None] = {}
     for path in _row_files(folder, scenario, agent):
         rows = _read_rows(path)
-        name, digest, who = (str(rows[key].iloc[0]) for key in _IDENTITY[:3])
-        if name not in digests:
-            digests[name] = _digest_today(name)
-        if digest == digests[name]:
-            tables.append(rows)
+        cell = Cell(*(str(rows[key].iloc[0]) for key in _IDENTITY))
+        if cell.scenario not in digests:
+            digests[cell.scenario] = _digest_today(cell.scenario)
+        if cell.world != WORLD_VERSION:
+            outdated[cell.scenario, cell.agent] = (
+                f"of world {short(cell.world)}, and this crowdbench simulates world {WORLD_VERSION}"
+            )
+        elif cell.scenario_digest != digests[cell.scenario]:
+            outdated[cell.scenario, cell.agent] = "of a scenario that is defined otherwise by now"
         else:
-            outdated.append((name, who))
+            tables.append(rows)
     if not tables:
-        return Published(pd.DataFrame(columns=[*_FIRST, *_LAST, "source"]), outdated)
+        return Published(pd.DataFrame(columns=[*_FIRST, *_LAST, *_ADDED]), outdated)
     found = pd.concat(tables, ignore_index=True)
     found["source"] = "published"
     order = ["scenario", "agent", "seed", "robot"]
@@ -273,6 +284,7 @@ def _read_rows(path: Path) -> pd.DataFrame:
             na_values={key: ["", "nan"] for key in numbers},
             **exact,
         )
+        rows["world"] = rows.get("world", FIRST_WORLD)
         missing = [name for name in (*_FIRST, *_LAST) if name not in rows]
         if missing or rows.empty:
             raise ValueError(f"without {', '.join(missing) or 'rows'}")
@@ -281,7 +293,7 @@ def _read_rows(path: Path) -> pd.DataFrame:
         reason = " ".join(str(error).split())
         raise ResultsError(f"{path}: not rows of the record ({reason})") from error
     check_rows(rows, path)
-    return rows
+    return rows.assign(**{NOT_COMPUTED: lacking(names)})
 
 
 def _require_one_cell(rows: pd.DataFrame, path: Path) -> None:
@@ -314,7 +326,10 @@ def _read_arrays(path: Path, cell: Cell) -> dict[str, NDArray[np.generic]] | Non
 
 def _normal(cell: Cell, rows: pd.DataFrame, where: str) -> pd.DataFrame:
     """Rows with all columns in the record's order, sorted by seed and robot."""
-    table = rows.drop(columns=["source"], errors="ignore").copy()
+    older = [set(text.split()) for text in set(rows.get(NOT_COMPUTED, default=[""]))]
+    # A column says that all rows were measured with a metric.
+    absent = set.intersection(*older) if older else set()
+    table = rows.drop(columns=[*_ADDED, *absent], errors="ignore").copy()
     for name, value in asdict(cell).items():
         table[name] = table.get(name, value)
     for name in VERSIONS:

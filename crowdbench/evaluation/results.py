@@ -6,9 +6,9 @@ fills in metrics that are new. A scenario that is not, field by field, one of cr
 (overridden, or from a file) has the label ``<scenario>@<digest>``, so that it is never mixed up
 with the plain one.
 
-An episode counts as stored when scenario digest, agent string, weights hash, code and seed are
-the same and the crowdbench version agrees in its first two numbers: a release that changes what
-an episode gives changes one of those two.
+An episode counts as stored when scenario digest, agent string, weights hash, code, seed and the
+world's version (``crowdbench.simulation.WORLD_VERSION``) are the same. Episodes of another world
+stay in the file and are not read.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ import json
 import platform
 import re
 import sqlite3
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -36,7 +37,9 @@ from crowdbench.evaluation.database import (
 )
 from crowdbench.evaluation.driven import Driven, packed, unpacked
 from crowdbench.evaluation.measured import definitions, metric_set, write_metrics
+from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
+from crowdbench.simulation import WORLD_VERSION
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,25 +75,25 @@ class Cell:
         scenario_digest: ``Scenario.digest``.
         agent: the agent with its options, e.g. ``NAME:horizon=2``.
         options: the options alone, JSON.
-        version: of crowdbench.
+        world: version of the world, ``crowdbench.simulation.WORLD_VERSION``.
         weights_sha256: hash of the agent's weights, empty without.
-        code: hash of the agent's file (``file.py:Class``), or the distribution it comes with.
+        code: hash of the agent's file (``file.py:Class``), or the distribution it comes with and
+            its version.
     """
 
     scenario: str
     scenario_digest: str
     agent: str
     options: str
-    version: str
+    world: str
     weights_sha256: str
     code: str
 
     @property
     def identity(self) -> tuple[str, ...]:
         """What has to be equal for two episodes of one seed to be the same measurement."""
-        series = ".".join(self.version.split(".")[:2])
-        names = ("scenario", "scenario_digest", "agent", "weights_sha256", "code")
-        return (*(getattr(self, name) for name in names), series)
+        names = ("scenario", "scenario_digest", "agent", "weights_sha256", "code", "world")
+        return tuple(getattr(self, name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -100,23 +103,29 @@ class Origin:
     Attributes:
         machine: the processor, its cores, and how many threads an agent had.
         architecture: of the processor, e.g. ``x86_64``.
+        version: of crowdbench.
         pymunk, numpy, torch: versions of what an episode depends on.
         timestamp: UTC, ISO 8601.
     """
 
     machine: str = ""
     architecture: str = ""
+    version: str = ""
     pymunk: str = ""
     numpy: str = ""
     torch: str = ""
     timestamp: str = ""
 
     @classmethod
-    def here(cls, machine: str) -> Origin:
-        """This process, now."""
-        now = datetime.now(UTC).isoformat(timespec="seconds")
+    def of(cls, machine: str) -> Origin:
+        """This process, which runs on a machine of this name, at no particular time."""
         libraries = {name: version(name) for name in ("pymunk", "numpy", "torch")}
-        return cls(machine, platform.machine(), timestamp=now, **libraries)
+        own = version("crowdbench-nav")
+        return cls(machine, platform.machine(), own, **libraries)
+
+    def now(self) -> Origin:
+        """The same place with the time that it is."""
+        return replace(self, timestamp=datetime.now(UTC).isoformat(timespec="seconds"))
 
 
 @dataclass(frozen=True)
@@ -248,7 +257,7 @@ class ResultsStore:
             if replace_errors:
                 for seed in {result.seed for result in results}:
                     _forget_error(connection, number, seed)
-            return sum(_insert(connection, number, cell.version, result) for result in results)
+            return sum(_insert(connection, number, result) for result in results)
 
     def rows(self, cell: Cell) -> pd.DataFrame:
         """The stored rows of a cell, sorted by seed and robot."""
@@ -272,9 +281,9 @@ def load_results(
 ) -> pd.DataFrame:
     """Read stored episodes, one row each, sorted by scenario, agent, seed and robot.
 
-    Rows of a cell that have been superseded (the scenario's definition, the weights, the agent's
-    code or the version changed since) are left out: only those that agree with the cell's latest
-    row are returned.
+    Rows of a cell that have been superseded (the scenario's definition, the weights or the agent's
+    code changed since) are left out: only those that agree with the cell's latest row are returned.
+    So are rows of another world, with a warning.
 
     Args:
         folder: the results folder.
@@ -289,6 +298,7 @@ def load_results(
     with opened_for_reading(Path(folder)) as connection:
         if connection is None:
             return empty_frame()
+        _warn_of_other_worlds(connection, Path(folder))
         cells = [
             number
             for number, label, name in latest_cells(connection)
@@ -331,12 +341,25 @@ def load_commands(folder: str | Path, cell: Cell, seed: int) -> list[NDArray[np.
 
 
 def latest_cells(connection: sqlite3.Connection) -> list[tuple[int, str, str]]:
-    """Number, scenario and agent of the cells that no later one supersedes."""
+    """Number, scenario and agent of the cells of this world that no later one supersedes."""
     query = """
         SELECT cells.id, scenario, agent FROM cells JOIN episodes ON cell = cells.id
-        GROUP BY cells.id ORDER BY max(timestamp), max(episodes.id)"""
-    latest = {(label, name): number for number, label, name in connection.execute(query)}
+        WHERE series = ? GROUP BY cells.id ORDER BY max(timestamp), max(episodes.id)"""
+    found = connection.execute(query, (WORLD_VERSION,))
+    latest = {(label, name): number for number, label, name in found}
     return [(number, *key) for key, number in latest.items()]
+
+
+def _warn_of_other_worlds(connection: sqlite3.Connection, folder: Path) -> None:
+    query = """
+        SELECT series, count(*) FROM cells JOIN episodes ON cell = cells.id
+        WHERE series != ? GROUP BY series ORDER BY series"""
+    for world, count in connection.execute(query, (WORLD_VERSION,)):
+        warnings.warn(
+            f"{folder}: {count:,} rows are of world {short(world)} and left out; this crowdbench "
+            f"simulates world {WORLD_VERSION}",
+            stacklevel=3,
+        )
 
 
 def _cell_number(connection: sqlite3.Connection, cell: Cell, scenario: Scenario | None) -> int:
@@ -364,7 +387,7 @@ def _forget_error(connection: sqlite3.Connection, cell: int, seed: int) -> None:
             connection.executemany(f"DELETE FROM {table} WHERE {key} = ?", numbers)
 
 
-def _insert(connection: sqlite3.Connection, cell: int, release: str, result: Result) -> int:
+def _insert(connection: sqlite3.Connection, cell: int, result: Result) -> int:
     """Add an episode; 0 if it is there."""
     facts = {
         "cell": cell,
@@ -374,7 +397,6 @@ def _insert(connection: sqlite3.Connection, cell: int, release: str, result: Res
         "steps": result.steps,
         "error": result.error,
         "diagnostics": _json(result.diagnostics),
-        "version": release,
         **asdict(result.origin),
         "metric_set": metric_set(connection, definitions(result.metrics)),
     }

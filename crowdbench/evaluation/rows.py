@@ -1,8 +1,14 @@
-"""Stored episodes as a table, read column by column and checked."""
+"""Stored episodes as a table, read column by column and checked.
+
+The column ``not_computed`` tells a metric that is not defined for an episode from one that the
+episode was never measured with, since it is older than the metric: both are NaN.
+"""
 
 from __future__ import annotations
 
+import json
 import sqlite3
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -13,17 +19,19 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.database import ResultsError
-from crowdbench.evaluation.measured import OUTCOMES, is_proportion, quoted
+from crowdbench.evaluation.measured import NOT_COMPUTED, OUTCOMES, is_proportion, lacking, quoted
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, Origin
 from crowdbench.messages import short
 
 _CELL = tuple(field.name for field in fields(Cell))
 _FIRST = (*_CELL, "seed", "robot", "outcome")
-_LAST = ("steps", "error", "diagnostics", *(field.name for field in fields(Origin)))
+_ORIGIN = tuple(field.name for field in fields(Origin))
+_LAST = ("steps", "error", "diagnostics", *_ORIGIN, NOT_COMPUTED)
 _INTEGERS = ("seed", "steps")
-_TEXTS = ("version", "robot", "outcome", "error", "diagnostics", *_LAST[3:])
-_SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent", "version")))
+_TEXTS = ("robot", "outcome", "error", "diagnostics", *_ORIGIN)
+_SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent")))
+_STORED_AS = {"world": "series"}
 _CHUNK = 1024
 
 
@@ -33,6 +41,14 @@ def empty_frame() -> pd.DataFrame:
     kinds |= dict.fromkeys(METRICS, "float64")
     names = (*_FIRST, *METRICS, *_LAST)
     return pd.DataFrame({name: pd.Series(dtype=kinds[name]) for name in names})
+
+
+def not_computed(rows: pd.DataFrame) -> dict[str, int]:
+    """For each metric that some rows were never measured with, how many these are."""
+    found: Counter[str] = Counter()
+    for text, count in rows[NOT_COMPUTED].value_counts().items():
+        found.update(dict.fromkeys(str(text).split(), int(count)))
+    return {name: found[name] for name in METRICS if name in found}
 
 
 def metric_columns(columns: Iterable[str]) -> list[str]:
@@ -50,18 +66,19 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
         return empty_frame()
     metrics = [row[1] for row in connection.execute("PRAGMA table_info(metrics)")][1:]
     columns = [f"episodes.{name}" for name in (*_INTEGERS, *_TEXTS)]
-    columns += [f"metrics.{quoted(name)}" for name in metrics]
+    columns += ["metric_set", *(f"metrics.{quoted(name)}" for name in metrics)]
     query = f"""
         SELECT {", ".join(columns)} FROM episodes JOIN metrics ON metrics.episode = episodes.id
         WHERE episodes.cell = ? ORDER BY seed, robot"""
     connection.execute("BEGIN")  # one state of the file, whoever writes meanwhile
     known = _shared_facts(connection, cells, path)
+    unmeasured = _unmeasured(connection, path)
     total = _count(connection, cells)
     integers = np.empty((len(_INTEGERS), total), dtype=np.int64)
     numbers = np.empty((len(metrics), total))
-    texts: dict[str, list[str]] = {name: [] for name in (*_SHARED, *_TEXTS)}
+    texts: dict[str, list[str]] = {name: [] for name in (*_SHARED, *_TEXTS, NOT_COMPUTED)}
     one: dict[str, str] = {}
-    end, first_text, first_number = 0, len(_INTEGERS), len(_INTEGERS) + len(_TEXTS)
+    end, first_text, first_number = 0, len(_INTEGERS), len(_INTEGERS) + len(_TEXTS) + 1
     try:
         for number, shared in sorted(known.items(), key=lambda item: item[1]):
             for chunk in _chunks(connection.execute(query, (number,))):
@@ -70,7 +87,8 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
                 numbers[:, begin:end] = np.array(chunk[first_number:], dtype=float)
                 for name, value in zip(_SHARED, shared, strict=True):
                     texts[name].extend([value] * (end - begin))
-                for name, values in zip(_TEXTS, chunk[first_text:first_number], strict=True):
+                texts[NOT_COMPUTED].extend([unmeasured[key] for key in chunk[first_number - 1]])
+                for name, values in zip(_TEXTS, chunk[first_text : first_number - 1], strict=True):
                     # The same text is one object in all rows.
                     texts[name].extend([one.setdefault(value, value) for value in values])
     except (ValueError, TypeError, OverflowError) as error:
@@ -97,13 +115,23 @@ def _shared_facts(
     connection: sqlite3.Connection, cells: Sequence[int], path: Path
 ) -> dict[int, tuple[str, ...]]:
     """What all rows of a cell share, by its number."""
-    query = f"SELECT id, {', '.join(_SHARED)} FROM cells WHERE id IN ({_listed(cells)})"
+    names = (_STORED_AS.get(name, name) for name in _SHARED)
+    query = f"SELECT id, {', '.join(names)} FROM cells WHERE id IN ({_listed(cells)})"
     known = {row[0]: row[1:] for row in connection.execute(query)}
     for facts in known.values():
         for name, value in zip(_SHARED, facts, strict=True):
             if not isinstance(value, str):
                 raise ResultsError(f"{path}: damaged ({name} of a cell is {short(value)})")
     return known
+
+
+def _unmeasured(connection: sqlite3.Connection, path: Path) -> dict[int, str]:
+    """What ``NOT_COMPUTED`` says of the rows of each set of metrics, by the set's number."""
+    sets = connection.execute("SELECT id, definitions FROM metric_sets")
+    try:
+        return {number: lacking(json.loads(text)) for number, text in sets}
+    except (ValueError, TypeError) as error:
+        raise ResultsError(f"{path}: damaged metrics ({error})") from error
 
 
 def _count(connection: sqlite3.Connection, cells: Sequence[int]) -> int:

@@ -9,13 +9,10 @@ one simulates that again and measures it, so that no agent can touch a metric.
 from __future__ import annotations
 
 import json
-import os
-import platform
 import warnings
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +20,8 @@ from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, req
 from crowdbench.compiled import note_run, was_run
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven
-from crowdbench.evaluation.pool import Limits, Pool
+from crowdbench.evaluation.executors import EXECUTORS, Executor
+from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import (
     Answer,
     Broken,
@@ -39,6 +37,7 @@ from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario, ScenarioError
+from crowdbench.simulation import WORLD_VERSION
 
 
 @dataclass(frozen=True)
@@ -58,12 +57,14 @@ class Progress:
         total: episodes of the plan.
         stored: those that were there before.
         done: those run since.
+        jobs: processes that work at the same time.
         rows: of the episode that just ended, one per robot; empty at the start.
     """
 
     total: int
     stored: int
     done: int
+    jobs: int
     rows: Sequence[Mapping[str, Any]] = ()
 
 
@@ -100,6 +101,8 @@ def run(
     *,
     jobs: int | None = None,
     limits: Limits | None = None,
+    executor: str = "local",
+    address: str | None = None,
     retry_errors: bool = False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_note: Callable[[str], None] = lambda note: None,
@@ -115,6 +118,8 @@ def run(
         jobs: worker processes that work at the same time, by default one per core. However many
             there are, an agent computes in a single thread.
         limits: for agent code.
+        executor: where agents run, a name in ``EXECUTORS``.
+        address: which cluster, for executors that can be told.
         retry_errors: run stored episodes that ended with ``agent_error`` again and replace them.
         on_progress: called at the start and after every episode.
         on_note: told in a line what takes long and happens once.
@@ -126,6 +131,7 @@ def run(
         AgentError: an agent cannot be made, or cannot act for a scenario's drive.
         ScenarioError: a scenario has no room, with any of its seeds.
         ResultsError: the results folder cannot be written to.
+        ExecutorError, UnknownNameError: agents cannot be run where they should.
         IncompleteError: at the end, if episodes are missing.
     """
     folder = Path(folder)
@@ -133,11 +139,10 @@ def run(
     require_writable(folder)
     for task in tasks:
         _require_known(task.agent.name)
-    machine = machine_name()
     missing: list[Missing] = []
-    with Pool(jobs or core_count(), limits or Limits()) as pool:
-        pool.prepare(sum(len(task.seeds) for task in tasks))
-        identities = _identify(pool, [task.agent for task in tasks])
+    with EXECUTORS[executor](jobs, limits or Limits(), address) as workers:
+        workers.prepare(sum(len(task.seeds) for task in tasks))
+        identities = _identify(workers, [task.agent for task in tasks])
         for task in tasks:
             label = str(task.agent)
             require_drive(identities[label].drives, label, task.scenario)
@@ -149,17 +154,17 @@ def run(
             wanted = [seed for seed in task.seeds if not finished.get(seed, set()) >= robots]
             queue.extend(Job(task.scenario, task.agent, cell, seed) for seed in wanted)
         total = sum(len(task.seeds) for task in tasks)
-        progress = Progress(total, stored=total - len(queue), done=0)
+        progress = Progress(total, stored=total - len(queue), done=0, jobs=workers.jobs)
         on_progress(progress)
-        _compile(scorer, queue, on_note)
+        _compile(scorer, queue, on_note, agents=not workers.remote)
         without_room: dict[Cell, ScenarioError] = {}
         warned: set[tuple[str, str]] = set()
-        for job, answer in pool.run(queue):
+        for job, answer, origin in workers.run(queue):
             assert isinstance(job, Job)
             _pass_on_warnings(job.cell.agent, answer, warned)
             try:
                 driven = _driven(job, answer)
-                results = scorer.score(job.scenario, job.cell.agent, job.seed, driven, machine)
+                results = scorer.score(job.scenario, job.cell.agent, job.seed, driven, origin.now())
             except _NotRunError as error:
                 missing.append(Missing(job.cell, job.seed, str(error)))
                 continue
@@ -173,7 +178,7 @@ def run(
                 continue
             store.append(job.cell, results, job.scenario, replace_errors=retry_errors)
             rows = [result.row(job.cell) for result in results]
-            progress = replace(progress, done=progress.done + 1, rows=rows)
+            progress = replace(progress, done=progress.done + 1, jobs=workers.jobs, rows=rows)
             on_progress(progress)
     for cell, refusal in without_room.items():
         if not store.stored(cell):
@@ -183,28 +188,17 @@ def run(
     return cells
 
 
-def machine_name() -> str:
-    """The processor and its cores; an agent has a single thread."""
-    name = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
-    except (OSError, StopIteration):  # not Linux, or a processor without a name
-        pass
-    return f"{name}, {core_count()} cores, 1 thread per agent"
-
-
 def _require_known(name: str) -> None:
     """Refuse a name that nothing has, without importing what has the others."""
     if name not in agent_names() and not Path(name.partition(":")[0]).is_file():
         find_agent(name)
 
 
-def _identify(pool: Pool, agents: Sequence[AgentSpec]) -> dict[str, Described]:
+def _identify(workers: Executor, agents: Sequence[AgentSpec]) -> dict[str, Described]:
     """Make every agent once: finds the user's mistakes, and the hashes of weights and files."""
     queue: deque[Message] = deque(Describe(spec) for spec in {str(a): a for a in agents}.values())
     identities = {}
-    for message, answer in pool.run(queue):
+    for message, answer, _ in workers.run(queue):
         label = str(message.agent)
         if isinstance(answer, Refused):
             raise answer.error
@@ -218,12 +212,15 @@ def _identify(pool: Pool, agents: Sequence[AgentSpec]) -> dict[str, Described]:
     return identities
 
 
-def _compile(scorer: Scorer, queue: Sequence[Message], on_note: Callable[[str], None]) -> None:
+def _compile(
+    scorer: Scorer, queue: Sequence[Message], on_note: Callable[[str], None], *, agents: bool
+) -> None:
     """Compile what this process needs before others need the same, and say so.
 
-    What an agent needs is compiled in its first process, see ``Pool``.
+    What an agent needs is compiled in its first process, see ``Pool``; it is named where
+    ``agents`` run on this machine.
     """
-    installed = {message.agent.name for message in queue} & set(agent_names())
+    installed = {message.agent.name for message in queue} & set(agent_names() if agents else ())
     names = ["crowdbench", *sorted(installed)] if queue else []
     fresh = [name for name in names if not was_run(name)]
     if not fresh:
@@ -242,7 +239,7 @@ def _cell(task: Task, identity: Described) -> Cell:
         scenario_digest=task.scenario.digest,
         agent=str(task.agent),
         options=json.dumps(dict(task.agent.options), sort_keys=True, default=str),
-        version=version("crowdbench-nav"),
+        world=WORLD_VERSION,
         weights_sha256=identity.weights_sha256,
         code=identity.code,
     )
@@ -287,8 +284,3 @@ def _last_line(broken: Broken) -> str:
     lines = broken.traceback.strip().splitlines()
     place = next((line.strip() for line in reversed(lines) if line.startswith("  File ")), "")
     return f"{lines[-1]} ({place})"
-
-
-def core_count() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

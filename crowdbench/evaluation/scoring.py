@@ -39,9 +39,9 @@ class Scorer:
         self._env: CrowdEnv | None = None
 
     def score(
-        self, scenario: Scenario, label: str, seed: int, driven: Sequence[Driven], machine: str
+        self, scenario: Scenario, label: str, seed: int, driven: Sequence[Driven], origin: Origin
     ) -> list[Result]:
-        """Simulate an episode and measure it, one result per robot.
+        """Simulate an episode that was run somewhere and measure it, one result per robot.
 
         Raises:
             ResimulationError: this is not what happens with these commands.
@@ -51,7 +51,6 @@ class Scorer:
 
         if self._env is None or self._env.scenario != scenario:
             self._env = CrowdEnv(scenario)
-        origin = Origin.here(machine)
         episodes = simulate(self._env, seed, driven, label=label)
         return [Result.of(*_trusted(episode, metrics(episode)), origin) for episode in episodes]
 
@@ -63,7 +62,7 @@ class Scorer:
         ]
         # A scenario without room, or one that ends at once, is told of when it is its turn.
         with contextlib.suppress(ScenarioError, ResimulationError):
-            self.score(scenario, "", seed, driven, "")
+            self.score(scenario, "", seed, driven, Origin())
 
 
 def _trusted(episode: Episode, values: Mapping[str, float]) -> tuple[Episode, Mapping[str, float]]:

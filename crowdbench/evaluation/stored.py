@@ -17,8 +17,8 @@ def find_cells(folder: Path, scenario: str | None = None, agent: str | None = No
         if connection is None:
             return []
         query = """
-            SELECT scenario, scenario_digest, agent, options, max(version), weights_sha256, code
-            FROM cells JOIN episodes ON cell = cells.id WHERE cells.id = ?"""
+            SELECT scenario, scenario_digest, agent, options, series, weights_sha256, code
+            FROM cells WHERE id = ?"""
         return [
             Cell(*connection.execute(query, (number,)).fetchone())
             for number, label, name in latest_cells(connection)

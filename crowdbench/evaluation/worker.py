@@ -76,8 +76,12 @@ def main() -> None:
             connection.send((number, answer))
 
 
-def code_version(name: str) -> str:
+def code_version(name: str, version: str | None = None) -> str:
     """Hash of the file of a ``file.py:Class`` agent, else the distribution that brings it.
+
+    Args:
+        name: of the agent.
+        version: in place of that of the distribution.
 
     Raises:
         AgentError: the file is gone.
@@ -90,7 +94,7 @@ def code_version(name: str) -> str:
             raise AgentError(f"agent file {short(path)}: {error.strerror}") from error
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name and point.dist is not None:
-            return f"{point.dist.name} {point.dist.version}"
+            return f"{point.dist.name} {version or point.dist.version}"
     return ""
 
 
@@ -153,16 +157,22 @@ class _Worker:
         with self._heartbeat.during(MAKING):
             del self._agents[count:]
             self._agents += [spec.make() for _ in range(count - len(self._agents))]
-            weights, drives = _weights(spec, self._agents[0]), _drives(spec, self._agents[0])
-        self._described = Described(weights, code_version(spec.name), drives)
+            agent = self._agents[0]
+            weights, drives = _weights(spec, agent), _drives(spec, agent)
+            version = _text(spec, "version", vars(type(agent)).get("version"))
+        self._described = Described(weights, code_version(spec.name, version), drives)
 
 
 def _weights(spec: AgentSpec, agent: Agent) -> str:
-    """The agent's word for its weights, as text that fits in a line."""
-    value: Any = agent.weights_sha256
+    """The agent's word for its weights."""
+    return _text(spec, "weights_sha256", agent.weights_sha256)
+
+
+def _text(spec: AgentSpec, name: str, value: Any) -> str:
+    """What an agent says of itself, as text that fits in a line; empty for None."""
     if value is not None and not isinstance(value, str):
         raise AgentError(
-            f"agent {short(str(spec))}: weights_sha256 is {short(value)}, expected text or None"
+            f"agent {short(str(spec))}: {name} is {short(value)}, expected text or None"
         )
     text = plain_text(value or "")
     if text.isprintable() and len(text) <= _LONGEST_HASH:

@@ -122,6 +122,11 @@ imported. For one robot, ``gymnasium.make("crowdbench:CrowdNav-v0", ...)`` takes
 Version history
 ---------------
 - v0: first release.
+
+What happens with the same scenario, seed and actions changes only with the world's version,
+``crowdbench.simulation.WORLD_VERSION``:
+
+- 0.1: first release.
 """
 
 from __future__ import annotations

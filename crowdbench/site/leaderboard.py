@@ -9,6 +9,7 @@ import pandas as pd
 
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell
+from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.statistics import estimates, per_episode
 from crowdbench.scenario import Scenario, scenario_names
 
@@ -81,7 +82,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     failed = rows[rows["error"] != ""].head(_SHOWN_ERRORS)
     return {
         "agent": cell.agent,
-        "version": cell.version,
+        "version": str(rows["version"].iloc[-1]),
         "weights": cell.weights_sha256,
         "code": cell.code,
         "machines": sorted(set(rows["machine"])),
@@ -92,6 +93,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
             [int(seed), str(error)]
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
+        "not_computed": [name for name, count in not_computed(rows).items() if count == len(rows)],
     }
 
 

@@ -53,6 +53,9 @@ class Forecast:
 
     An episode takes the agent's own time, known from ``inference_s``, and a time per step for
     everything else, which is what is left of the session's wall time.
+
+    Attributes:
+        jobs: processes that work at the same time; may change.
     """
 
     def __init__(
@@ -66,7 +69,7 @@ class Forecast:
             jobs: processes.
         """
         self._pending = Counter(pending)
-        self._jobs = jobs
+        self.jobs = jobs
         self._speeds: dict[str, Speed] = {}
         self._session = Speed()
         self._seconds = 0.0
@@ -105,11 +108,11 @@ class Forecast:
     def _time(self, episodes: Mapping[str, int]) -> float:
         overhead = OVERHEAD
         if self._session.steps:
-            rest = self._seconds * self._jobs - self._session.planning
+            rest = self._seconds * self.jobs - self._session.planning
             overhead = max(0.0, rest / self._session.steps)
         known = self._speeds.items()
         work = sum(episodes.get(name, 0) * speed.per_episode(overhead) for name, speed in known)
-        return work / self._jobs
+        return work / self.jobs
 
 
 @dataclass(frozen=True)
@@ -140,9 +143,12 @@ def run_missing(
     folder: Path,
     study: Study,
     outlook: Outlook,
-    jobs: int,
+    jobs: int | None,
     on_progress: Callable[[int, int, Forecast], None],
     published: pd.DataFrame | None = None,
+    *,
+    executor: str = "local",
+    address: str | None = None,
 ) -> Forecast:
     """Run the episodes of a study that are not there yet.
 
@@ -150,9 +156,10 @@ def run_missing(
         folder: results folder.
         study: what to run.
         outlook: of its cells; agents that cannot be made are left out.
-        jobs: processes.
+        jobs: processes, by default as many as the executor has room for.
         on_progress: told the number of episodes stored, of those planned, and the forecast.
         published: rows of the record that need not be run again; none by default.
+        executor, address: where agents run, as for ``run``.
 
     Returns:
         The forecast as it is at the end.
@@ -180,20 +187,29 @@ def run_missing(
         if (worlds[cell.scenario].digest, cell.agent, seed) not in there
     )
     known = [(row.agent, row.steps, row.inference_s) for row in stored]
-    forecast, account = Forecast(pending, known, jobs), Account(folder, study.name, jobs)
+    forecast = Forecast(pending, known, jobs or 1)
+    account = Account(folder, study.name)
     total = sum(cell.episodes for cell in plan)
     done = total - sum(pending.values())
 
     def advance(progress: Progress) -> None:
         nonlocal done
+        forecast.jobs = progress.jobs
         for row in progress.rows[:1]:
             done = min(done + 1, total)
-            account.count(row["machine"])
+            account.count(row["machine"], progress.jobs)
             forecast.finished(row, account.seconds)
         on_progress(done, total, forecast)
 
     try:
-        run(_tasks(plan, not_again), folder, jobs=jobs, on_progress=advance)
+        run(
+            _tasks(plan, not_again),
+            folder,
+            jobs=jobs,
+            executor=executor,
+            address=address,
+            on_progress=advance,
+        )
     finally:
         account.write()
     return forecast

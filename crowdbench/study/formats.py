@@ -19,7 +19,7 @@ from crowdbench.study.tables import Entry, Filled
 _CELL_WIDTH = len("[0.00, 0.00]")
 _ZERO = 1e-12
 """What is smaller is rounding, and differs from processor to processor."""
-MISSING, UNDEFINED, PARTIAL = "—", "undefined", "†"
+MISSING, UNDEFINED, NOT_COMPUTED, PARTIAL = "—", "undefined", "not computed", "†"
 
 _COLUMNS = (
     "table", "block", "scenarios", "method", "agent", "metric", "unit", "episodes", "planned",
@@ -145,7 +145,8 @@ def notes(filled: Filled) -> list[str]:
 def legend(filled: Filled) -> list[str]:
     """What the signs in a table mean, a sentence each."""
     states = filled.states()
-    measured = "Value [95 % interval]" if states - {"missing"} else "Measured value"
+    numbers = states - {"missing", "not computed"}
+    measured = "Value [95 % interval]" if numbers else "Measured value"
     written = [f"{measured} ({filled.source}'s value)." if filled.source else f"{measured}."]
     if any(entry.bold for entry in filled.entries):
         written.append(
@@ -155,9 +156,16 @@ def legend(filled: Filled) -> list[str]:
     if "missing" in states:
         written.append(f"{MISSING}: not yet run.")
     if "partial" in states:
-        written.append(f"{PARTIAL}: only some of the planned episodes were run so far.")
+        written.append(
+            f"{PARTIAL}: only some of the planned episodes were run so far, or with this metric."
+        )
     if "undefined" in states:
         written.append(f"{UNDEFINED}: in no episode is this metric defined.")
+    if "not computed" in states:
+        written.append(
+            f"{NOT_COMPUTED}: the episodes are older than this metric; crowdbench recompute "
+            "fills it in."
+        )
     return written
 
 
@@ -167,6 +175,8 @@ def value(entry: Entry) -> str:
         return MISSING
     if entry.state == "undefined":
         return UNDEFINED
+    if entry.state == "not computed":
+        return NOT_COMPUTED
     number = _printed(entry, entry.estimate.mean)
     return number + PARTIAL if entry.state == "partial" else number
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import scenario_label
+from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.statistics import Difference, Estimate, estimates, paired_differences
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
@@ -82,6 +83,11 @@ class Measurements:
     def count(self, agent: str, scenarios: tuple[str, ...]) -> int:
         """How many episodes are stored."""
         return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
+
+    def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
+        """How many of the stored episodes are older than a metric and were not recomputed."""
+        rows = [self._rows(agent, scenario) for scenario in scenarios]
+        return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
 
     def mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
         """Mean over the episodes of all scenarios."""

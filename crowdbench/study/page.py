@@ -66,7 +66,11 @@ def _state(tables: Sequence[Filled], measured: Measurements) -> str:
     planned = sum(cell.episodes for cell in measured.plan)
     states: Counter[str] = Counter(entry.state for filled in tables for entry in filled.entries)
     text = f"{len(measured.episodes):,} of {planned:,} planned episodes are stored."
-    for state, words in (("missing", "not yet run"), ("partial", "run in part")):
+    for state, words in (
+        ("missing", "not yet run"),
+        ("not computed", "not computed"),
+        ("partial", "run in part"),
+    ):
         if states[state]:
             text += f" {states[state]} of {states.total()} table cells are {words}."
     return text

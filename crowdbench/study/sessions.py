@@ -28,8 +28,8 @@ class Session:
         started: UTC, ISO 8601.
         seconds: wall time so far.
         episodes: run so far.
-        jobs: processes.
-        machine: processor and cores.
+        jobs: processes, at most at the same time.
+        machine: processor and cores; of several machines each.
         versions: of Python, crowdbench and the libraries it computes with.
     """
 
@@ -46,24 +46,26 @@ class Account:
     """Keeps the file of the session that is going on."""
 
     def __init__(
-        self, folder: Path, study: str, jobs: int, clock: Callable[[], float] = time.monotonic
+        self, folder: Path, study: str, clock: Callable[[], float] = time.monotonic
     ) -> None:
         now = datetime.now(UTC)
         self._path = folder / "sessions" / f"{now:%Y-%m-%dT%H-%M-%S.%f}.json"
         self._clock, self._begun, self._written = clock, clock(), clock()
         self._started = now.isoformat(timespec="seconds")
-        self._study, self._jobs, self._versions = study, jobs, _versions()
-        self._episodes, self._machine = 0, ""
+        self._study, self._versions = study, _versions()
+        self._episodes, self._jobs = 0, 0
+        self._machines: dict[str, None] = {}
 
     @property
     def seconds(self) -> float:
         """Wall time so far."""
         return self._clock() - self._begun
 
-    def count(self, machine: str) -> None:
-        """Another episode is done, on the machine that its row names."""
+    def count(self, machine: str, jobs: int) -> None:
+        """Another episode is done, on the machine that its row names, one of ``jobs`` at a time."""
         self._episodes += 1
-        self._machine = machine
+        self._jobs = max(self._jobs, jobs)
+        self._machines[machine] = None
         if self._clock() - self._written > _BETWEEN_WRITES:
             self.write()
 
@@ -77,7 +79,7 @@ class Account:
             round(self.seconds, 1),
             self._episodes,
             self._jobs,
-            self._machine,
+            "; ".join(self._machines),
             self._versions,
         )
         self._path.parent.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ from crowdbench.study.model import Block, Method, Quantity, Study, Table
 
 SIGNIFICANCE = 0.05
 
-State = Literal["measured", "partial", "undefined", "missing"]
+State = Literal["measured", "partial", "undefined", "not computed", "missing"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class Entry:
     Attributes:
         estimate: mean and interval over the episodes in which the metric is defined.
         episodes: stored.
+        not_computed: of them those that are older than the metric.
         planned: episodes that the plan asks for.
         reference: the value from elsewhere, if there is one.
         bold: among the best of its column, see ``fill``.
@@ -40,6 +41,7 @@ class Entry:
     episodes: int
     planned: int
     reference: float | None
+    not_computed: int = 0
     bold: bool = False
     p: float = np.nan
 
@@ -48,9 +50,11 @@ class Entry:
         """Whether there is a number, and whether all episodes are behind it."""
         if self.episodes == 0:
             return "missing"
+        if self.not_computed == self.episodes:
+            return "not computed"
         if self.estimate.n == 0:
             return "undefined"
-        return "measured" if self.episodes == self.planned else "partial"
+        return "measured" if self.episodes - self.not_computed == self.planned else "partial"
 
     @property
     def excludes_reference(self) -> bool:
@@ -155,6 +159,7 @@ def _entries(table: Table, measured: Measurements) -> list[Entry]:
             episodes=measured.count(method.agent, block.scenarios),
             planned=method.episodes * len(block.scenarios),
             reference=table.reference.get((block.heading, method.label, quantity.metric)),
+            not_computed=measured.not_computed(method.agent, block.scenarios, quantity.metric),
         )
         for (block, method, quantity), estimate in zip(
             places, measured.means(_means(table)), strict=True

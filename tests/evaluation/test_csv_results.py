@@ -24,7 +24,10 @@ from crowdbench.evaluation.stored import find_cells
 
 WORLD = load_scenario("multimodal_fast", time_limit=2.0)
 LABEL = f"multimodal_fast@{WORLD.digest}"
-CELL = Cell(LABEL, WORLD.digest, "straight_line", "{}", "0.1.0", "", "crowdbench-nav 0.1.0")
+CELL = Cell(LABEL, WORLD.digest, "straight_line", "{}", "0.1", "", "crowdbench-nav 0.1.0")
+CELL_OF_0_1_0 = {key: value for key, value in vars(CELL).items() if key != "world"} | {
+    "version": "0.1.0"
+}
 
 
 def member(episode, cell=CELL):
@@ -53,8 +56,9 @@ def old(tmp_path, episodes):
     """A folder of 0.1.0 with three rows, of which the first two are kept whole."""
     rows = [
         {
-            **vars(CELL), "seed": episode.seed, "robot": episode.robot, "outcome": episode.outcome,
-            **metrics(episode), "steps": episode.steps, "error": "", "diagnostics": "{}",
+            **CELL_OF_0_1_0, "seed": episode.seed, "robot": episode.robot,
+            "outcome": episode.outcome, **metrics(episode), "steps": episode.steps,
+            "error": "", "diagnostics": "{}",
             "machine": "a machine, 2 cores", "timestamp": "2026-01-01T00:00:00+00:00",
         }
         for episode in episodes

@@ -17,8 +17,9 @@ import pytest
 from crowdbench.evaluation import database
 from crowdbench.evaluation.database import FILE, ResultsError, require_writable
 from crowdbench.evaluation.results import Cell, Result, ResultsStore, load_results
+from crowdbench.simulation import WORLD_VERSION
 
-CELL = Cell("by_hand", "0123456789ab", "planner", "{}", "0.1.0", "", "a file")
+CELL = Cell("by_hand", "0123456789ab", "planner", "{}", WORLD_VERSION, "", "a file")
 
 
 def row(seed, **values):

@@ -60,9 +60,7 @@ def test_agents_that_are_only_in_one_of_them_are_all_there(publish, local):
     assert seen(published_and_local(local.folder, agent="orca")) == [("orca", 0, 0.1, "published")]
 
 
-@pytest.mark.parametrize(
-    "changed", [{"weights_sha256": "ff"}, {"code": "a file"}, {"version": "0.2.0"}]
-)
+@pytest.mark.parametrize("changed", [{"weights_sha256": "ff"}, {"code": "a file"}])
 def test_what_is_another_measurement_is_not_mixed_in(publish, local, changed):
     publish("orca", [0.1])
     local.add("orca", SCENARIO, first=1, spl=[0.6, 0.7], fixed=changed)

@@ -49,6 +49,25 @@ def test_a_second_run_replaces_the_first_and_the_differences_are_told(local, rec
     assert values(load_record(), "timestamp")[1] == later["timestamp"]
 
 
+def test_rows_with_and_without_a_metric_are_not_published_side_by_side(local, record):
+    plan = [(SCENARIO, "orca", 3)]
+    old, new = local("old"), local("new")
+    old.add("orca", SCENARIO, spl=[0.5, 0.5], older=["jerk"])
+    assert publish(plan, old.folder, record).refused == []
+    assert "jerk" not in load_record()
+    new.add("orca", SCENARIO, first=2, spl=[0.5])
+    outcome = publish(plan, new.folder, record)
+    assert outcome.changes == []
+    assert outcome.refused == [
+        "orca in unimodal_slow: some rows, published or local, are older than jerk; crowdbench "
+        "recompute fills it in"
+    ]
+    assert len(load_record()) == 2
+    new.add("orca", SCENARIO, spl=[0.5, 0.5], fixed={"timestamp": "later"})
+    (change,) = publish(plan, new.folder, record).changes
+    assert (change.added, change.replaced, len(load_record())) == (1, 2, 3)
+
+
 def test_a_metric_that_is_defined_in_one_run_only_differs_wholly(local, record):
     plan = [(SCENARIO, "orca", 100)]
     nan = float("nan")
@@ -69,7 +88,7 @@ def test_what_is_published_already_is_left_alone(local, record):
     assert before == {path: path.stat().st_mtime_ns for path in record.rglob("*")}
 
 
-@pytest.mark.parametrize("changed", [{"weights_sha256": "ff"}, {"version": "0.2.0"}])
+@pytest.mark.parametrize("changed", [{"weights_sha256": "ff"}, {"code": "a file"}])
 def test_another_measurement_replaces_a_whole_cell_or_nothing(local, record, changed):
     plan = [(SCENARIO, "orca", 100)]
     first, second = local("first"), local("second")

@@ -8,8 +8,10 @@ import pandas as pd
 import pytest
 
 from crowdbench import load_scenario
+from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.record import (
     INSTALLED_SEEDS,
+    VERSIONS,
     load_commands,
     load_record,
     read_record,
@@ -17,13 +19,14 @@ from crowdbench.evaluation.record import (
     write_cell,
 )
 from crowdbench.evaluation.results import Cell, ResultsError
+from crowdbench.simulation import WORLD_VERSION
 
 CELL = Cell(
     scenario="corridor_dense",
     scenario_digest=load_scenario("corridor_dense").digest,
     agent="planner:gain=2",
     options='{"gain": 2}',
-    version="0.1.0",
+    world=WORLD_VERSION,
     weights_sha256="00ff",
     code="crowdbench-nav 0.1.0",
 )
@@ -48,6 +51,7 @@ def rows_of(cell=CELL, seeds=SEEDS, robots=1):
                 "diagnostics": '{"plans": 3.0}',
                 "machine": "NA",
                 "architecture": "",
+                "version": "0.1.0",
                 "pymunk": "7.10",
                 "numpy": "2.0",
                 "torch": "",
@@ -79,7 +83,16 @@ def only_file(folder, kind):
 def test_rows_come_back_to_the_last_bit(written):
     found = load_record(folder=written)
     assert set(found.pop("source")) == {"published"}
+    columns = ("success", "spl", "time_to_goal")
+    (lacking,) = set(found.pop("not_computed"))
+    assert lacking.split() == [name for name in METRICS if name not in columns]
     pd.testing.assert_frame_equal(found, rows_of(), check_exact=True)
+
+
+def test_a_metric_that_no_row_was_measured_with_has_no_column(tmp_path):
+    write_cell(tmp_path, CELL, rows_of().assign(jerk=np.nan, not_computed="spl jerk"), {})
+    found = load_record(folder=tmp_path)
+    assert "jerk" not in found and "spl" not in found and "time_to_goal" in found
 
 
 def test_rows_are_chosen_by_scenario_and_agent(written):
@@ -140,7 +153,7 @@ def test_the_same_rows_give_the_same_bytes_in_any_order(tmp_path):
 
 
 def test_columns_of_the_cell_and_of_the_versions_are_filled_in(tmp_path):
-    rows = rows_of().drop(columns=[*vars(CELL), "architecture", "pymunk", "numpy", "torch"])
+    rows = rows_of().drop(columns=[*vars(CELL), *VERSIONS])
     write_cell(tmp_path, CELL, rows, {})
     found = load_record(folder=tmp_path)
     assert set(found["agent"]) == {CELL.agent}
@@ -152,7 +165,30 @@ def test_rows_of_a_scenario_that_is_defined_otherwise_by_now_are_left_out(tmp_pa
     write_cell(tmp_path, old, rows_of(old), {})
     found = read_record(folder=tmp_path)
     assert found.rows.empty
-    assert found.outdated == [("corridor_dense", "planner:gain=2")]
+    why = "of a scenario that is defined otherwise by now"
+    assert found.outdated == {("corridor_dense", "planner:gain=2"): why}
+
+
+def test_rows_of_another_world_are_left_out(tmp_path):
+    old = replace(CELL, world="0.0")
+    write_cell(tmp_path, old, rows_of(old), {})
+    found = read_record(folder=tmp_path)
+    assert found.rows.empty
+    (reason,) = found.outdated.values()
+    assert reason == f"of world '0.0', and this crowdbench simulates world {WORLD_VERSION}"
+
+
+def test_rows_that_0_1_0_has_stored_are_of_the_first_world(tmp_path):
+    cell = replace(CELL, world="0.1")
+    write_cell(tmp_path, cell, rows_of(cell), {})
+    path = only_file(tmp_path, "rows")
+    with gzip.open(path, "rt") as file:
+        rows = pd.read_csv(file, dtype=str, keep_default_na=False)
+    rows = rows.drop(columns="world").assign(version="0.1.0")
+    path.write_bytes(gzip.compress(rows.to_csv(index=False).encode()))
+    found = read_record(folder=tmp_path)
+    assert bool(found.outdated) == (WORLD_VERSION != "0.1")
+    assert set(found.rows["world"]) <= {"0.1"}
 
 
 def test_commands_of_another_measurement_are_not_given_out(written):

@@ -34,13 +34,14 @@ from crowdbench.evaluation.results import (
 )
 from crowdbench.evaluation.rows import metric_columns
 from crowdbench.evaluation.stored import defined_scenario, find_scenario
+from crowdbench.simulation import WORLD_VERSION
 
 CELL = Cell(
     scenario="by_hand",
     scenario_digest="0123456789ab",
     agent="planner:gain=2",
     options='{"gain": 2}',
-    version="0.1.0",
+    world=WORLD_VERSION,
     weights_sha256="",
     code="a file",
 )
@@ -61,7 +62,7 @@ def test_a_row_says_everything_about_its_episode(store, make_episode):
     episode = make_episode(
         [[0, 0, 0], [0.1, 0, 0]], seed=7, error="it\nbroke\x1b[31m", diagnostics={"fails": 2.0}
     )
-    origin = Origin.here("a machine, 2 cores")
+    origin = Origin.of("a machine, 2 cores").now()
     store.append(CELL, [Result.of(episode, metrics(episode), origin)])
     (stored,) = store.rows(CELL).to_dict("records")
     assert stored["scenario"] == "by_hand"
@@ -165,7 +166,6 @@ def test_an_episode_is_stored_whole_or_not_at_all(store):
         {"scenario_digest": "ba9876543210"},
         {"weights_sha256": "f" * 64},
         {"code": "another file"},
-        {"version": "0.2.0"},
     ],
 )
 def test_what_is_measured_with_something_else_is_another_measurement(store, change):
@@ -178,19 +178,33 @@ def test_what_is_measured_with_something_else_is_another_measurement(store, chan
 
 
 def test_what_is_imported_later_does_not_supersede_what_was_measured_later(store):
-    times = {"0.2.0": "2026-02-01T00:00:00+00:00", "0.1.0": "2026-01-01T00:00:00+00:00"}
-    for version, timestamp in times.items():
-        cell = replace(CELL, version=version)
+    times = {"new": "2026-02-01T00:00:00+00:00", "old": "2026-01-01T00:00:00+00:00"}
+    for code, timestamp in times.items():
+        cell = replace(CELL, code=code)
         store.append(cell, [row(0, origin=Origin(timestamp=timestamp))])
-    assert list(load_results(store.folder)["version"]) == ["0.2.0"]
+    assert list(load_results(store.folder)["code"]) == ["new"]
 
 
-def test_a_patch_release_goes_on_with_the_rows_of_the_one_before(store):
+def test_rows_of_another_world_stay_and_are_left_out_with_a_warning(store):
     store.append(CELL, [row(0)])
-    later = replace(CELL, version="0.1.7")
-    assert store.stored(later) == {0: {"robot_0"}}
-    store.append(later, [row(1)])
-    assert list(load_results(store.folder)["version"]) == ["0.1.0", "0.1.7"], "each names its own"
+    other = replace(CELL, world="0.0")
+    assert store.stored(other) == {}
+    late = Origin(timestamp="2027-01-01T00:00:00+00:00")
+    store.append(other, [row(1, origin=late), row(2, origin=late)])
+    with pytest.warns(
+        UserWarning, match=r"2 rows are of world '0.0' and left out; this crowdbench"
+    ):
+        found = load_results(store.folder)
+    assert (list(found["seed"]), set(found["world"])) == ([0], {WORLD_VERSION})
+    assert list(store.rows(other)["seed"]) == [1, 2]
+
+
+def test_every_release_goes_on_with_the_rows_of_the_one_before(store):
+    for seed, version in enumerate(("0.1.0", "0.2.0", "1.0.0")):
+        assert len(store.stored(CELL)) == seed
+        store.append(CELL, [row(seed, origin=Origin(version=version))])
+    found = load_results(store.folder)
+    assert list(found["version"]) == ["0.1.0", "0.2.0", "1.0.0"], "each names its own"
 
 
 def test_two_versions_with_other_metrics_write_to_one_file(store):

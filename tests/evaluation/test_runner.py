@@ -14,11 +14,12 @@ import pytest
 
 from crowdbench import AgentSpec, ScenarioError, load_scenario
 from crowdbench.agent import AgentError
+from crowdbench.evaluation.machine import machine_name
 from crowdbench.evaluation.metrics import METRICS, metrics
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.results import ResultsError, load_commands, load_results
 from crowdbench.evaluation.rollout import run_episode
-from crowdbench.evaluation.runner import IncompleteError, Task, machine_name, run
+from crowdbench.evaluation.runner import IncompleteError, Task, run
 from crowdbench.evaluation.stored import load_episodes
 
 TINY = load_scenario(

@@ -8,6 +8,7 @@ import pytest
 
 import crowdbench
 from crowdbench.evaluation.driven import Driven
+from crowdbench.evaluation.results import Origin
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.scoring import Scorer
 
@@ -35,7 +36,7 @@ def scored(episode, **changes):
     driven = [Driven.of(episode)]
     for name, value in changes.items():
         object.__setattr__(driven[0], name, value)
-    (result,) = Scorer().score(TINY, "takes", episode.seed, driven, "a machine")
+    (result,) = Scorer().score(TINY, "takes", episode.seed, driven, Origin.of("a machine"))
     return result
 
 

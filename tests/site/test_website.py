@@ -57,6 +57,17 @@ def test_the_leaderboard_says_what_the_rows_say(episodes, tmp_path):
     assert cell["estimates"][names.index("jerk")] == [None, None, None, 0]
 
 
+def test_the_leaderboard_tells_what_is_not_computed_from_what_is_not_defined(episodes, tmp_path):
+    episodes.add("orca", success=[1, 0], older=["jerk", "spl"])
+    episodes.add("orca", first=2, spl=[0.9, 0.8], older=["jerk"])
+    write_report_page(local_rows(episodes.folder), tmp_path / "site")
+    (cell,) = index(tmp_path / "site")["cells"]
+    assert cell["not_computed"] == ["jerk"]
+    estimates = dict(zip(METRICS, cell["estimates"], strict=True))
+    assert estimates["jerk"] == estimates["robot_at_fault"] == [None, None, None, 0]
+    assert estimates["spl"][3] == 2
+
+
 def test_a_cell_without_a_seed_in_between_is_incomplete(episodes, tmp_path):
     episodes.add("orca", success=[1, 1])
     episodes.add("orca", success=[1], first=5)

@@ -21,6 +21,7 @@ SAMPLE = 10
 TOLERANCE = 1e-5
 """Relative; docs/metrics.md says why."""
 DETERMINISTIC = [name for name in METRICS if name != "inference_s"]
+"""Compared with a stored row so far as that was measured with them."""
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_episodes_run_again_give_the_same_rows(stored):
         assert again.outcome == row.outcome, f"{episode}, on {row.machine}"
         assert again.steps == row.steps, f"{episode}, on {row.machine}"
         values = metrics(again)
-        for name in DETERMINISTIC:
+        for name in set(DETERMINISTIC) - set(row.not_computed.split()):
             np.testing.assert_allclose(
                 values[name],
                 getattr(row, name),

@@ -6,7 +6,9 @@ import pytest
 from crowdbench_studies.paper import STUDY
 from stored_episodes import Episodes
 
+from crowdbench.evaluation.machine import core_count
 from crowdbench.evaluation.results import load_results
+from crowdbench.registry import UnknownNameError
 from crowdbench.study import execution
 from crowdbench.study.execution import OVERHEAD, Forecast, Outlook, look, run_missing
 from crowdbench.study.model import Cell, Study
@@ -102,9 +104,11 @@ def test_what_is_missing_is_run_once(tmp_path):
     run_missing(tmp_path, first, outlook, 1, progress)
     assert told[-1] == (2, 2)
     told.clear()
-    forecast = run_missing(
-        tmp_path, Study("mine", "Mine", (), more=tuple(plan)), outlook, 1, progress
-    )
+    whole = Study("mine", "Mine", (), more=tuple(plan))
+    with pytest.raises(UnknownNameError, match="unknown executor 'nowhere'"):
+        run_missing(tmp_path, whole, outlook, 1, progress, executor="nowhere")
+    forecast = run_missing(tmp_path, whole, outlook, None, progress)
+    assert forecast.jobs == core_count()
     assert (told[0], told[-1]) == ((2, 3), (3, 3))
     assert forecast.seconds_left() == 0 < forecast.seconds_for(plan)
     rows = load_results(tmp_path)

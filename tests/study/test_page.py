@@ -271,21 +271,24 @@ def test_a_folder_that_cannot_be_written_is_named(many, tmp_path):
 
 def test_a_session_is_kept_as_it_goes_on(tmp_path):
     now = [100.0]
-    account = Account(tmp_path, "mine", jobs=2, clock=lambda: now[0])
+    account = Account(tmp_path, "mine", clock=lambda: now[0])
     account.write()
     assert load_sessions(tmp_path, "mine") == [], "nothing was run"
-    account.count("a machine")
+    account.count("a machine", 2)
     assert load_sessions(tmp_path, "mine") == [], "not after every episode"
     now[0] += 31
-    account.count("a machine")
+    account.count("a machine", 2)
     (kept,) = load_sessions(tmp_path, "mine")
     assert (kept.seconds, kept.episodes, kept.jobs, kept.machine) == (31.0, 2, 2, "a machine")
     assert load_sessions(tmp_path, "yours") == []
     assert "numpy" in kept.versions and "torch" in kept.versions
     now[0] += 5
+    account.count("another machine", 3)
+    account.count("a machine", 1)
     account.write()
     (kept,) = load_sessions(tmp_path, "mine")
-    assert kept.seconds == 36.0
+    assert (kept.seconds, kept.episodes, kept.jobs) == (36.0, 4, 3)
+    assert kept.machine == "a machine; another machine"
 
 
 @pytest.mark.parametrize("text", ["{", json.dumps({"started": "now", "colour": "red"})])

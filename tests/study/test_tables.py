@@ -175,6 +175,23 @@ def test_a_metric_that_no_episode_defines_is_called_undefined(episodes):
     assert "| First | undefined (0.84) |" in markdown(result)
 
 
+def test_a_metric_that_episodes_are_older_than_is_not_computed(episodes):
+    episodes.add("neupan", success=ones(3, 3), older=["spl"])
+    episodes.add("sac", success=ones(3, 3), spl=[0.9] * 3)
+    result = filled(episodes, table(SPL))
+    assert entry(result, "First").state == "not computed"
+    assert "| First | not computed (0.84) |" in markdown(result)
+    assert "not computed: the episodes are older than this metric" in " ".join(notes(result))
+    assert "| First | 0" not in markdown(result)
+
+
+def test_a_metric_that_some_episodes_are_older_than_is_marked(episodes):
+    episodes.add("neupan", spl=[0.9] * 60)
+    episodes.add("neupan", first=60, success=ones(40, 40), older=["spl"])
+    (cell, *_) = filled(episodes, table(SPL)).entries
+    assert (cell.state, cell.estimate.n, cell.episodes) == ("partial", 60, 100)
+
+
 def test_an_empty_folder_gives_every_table(tmp_path):
     measured = Measurements.load(tmp_path, cells())
     for wanted in TABLES:

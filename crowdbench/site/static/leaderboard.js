@@ -7,7 +7,12 @@
 
   crowdbench.cellValue = function (cell, metric) {
     const [mean, low, high] = cell.estimates[crowdbench.index.metrics.indexOf(metric)];
-    if (mean === null) return element("td", { class: "number" }, "–");
+    if (mean === null) {
+      const older = cell.not_computed.includes(metric.name);
+      return element("td", { class: "number", title: older
+        ? "The episodes are older than this metric; crowdbench recompute fills it in." : null,
+      }, older ? "not computed" : "–");
+    }
     // Decimals follow from the mean, also in the interval.
     const digits = metric.digits ?? twoSignificant(mean * metric.scale);
     const printed = (value) => fixed(value * metric.scale, digits);

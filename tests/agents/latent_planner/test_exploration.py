@@ -16,7 +16,7 @@ def test_epsilon_falls_from_a_half_to_a_twentieth_over_25000_decisions(tiny):
     config = Config()
     learner = Learner(tiny(), seed=0)
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
-    explorer = Explorer(learner.model, config, ActionBounds.of(robot), seed=0)
+    explorer = Explorer(learner.model, config, ActionBounds.of(robot), np.arange(32), seed=0)
     seen = []
     for explorer.decisions in (0, 12_500, 25_000, 10**6):
         seen.append(explorer.epsilon)
@@ -32,7 +32,8 @@ def test_plans_are_examples_only_where_they_have_just_been_made(reflect, tiny):
         }
     )  # fmt: skip
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
-    explorer = Explorer(Learner(config, seed=0).model, config, ActionBounds.of(robot), seed=0)
+    model = Learner(config, seed=0).model
+    explorer = Explorer(model, config, ActionBounds.of(robot), np.arange(4), seed=0)
     sensed = Sensed(
         np.zeros((4, 16, 16), np.uint8), np.zeros((4, 2), np.float32), np.ones((4, 2), np.float32)
     )

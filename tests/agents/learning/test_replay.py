@@ -105,7 +105,7 @@ def test_cut_ends_the_episode_under_way():
     at = np.array([0])
     for time in range(3):
         replay.append(at, rows(at, time, 0))
-    replay.mark_episode_ends()
+    replay.mark_episode_ends(at)
     for time in range(3, 8):
         replay.append(at, rows(at, time, 1))
     batch = replay.sample(50, 3, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""SAC as an agent, without Stable-Baselines3."""
+"""SAC as an agent."""
 
 import subprocess
 import sys
@@ -86,11 +86,11 @@ def test_missing_weights_say_how_to_make_them():
         crowdbench.AgentSpec.parse("sac:weights=other").make()
 
 
-def test_acting_needs_no_stable_baselines(weights):
+def test_neither_acting_nor_training_needs_stable_baselines(weights):
     code = f"""
 import sys
 sys.modules["stable_baselines3"] = None  # importing it fails
-import numpy as np, crowdbench
+import numpy as np, crowdbench, crowdbench_agents.sac.training
 agent = crowdbench.AgentSpec.parse("sac:weights={weights}").make()
 robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("multimodal_fast"))
 agent.reset(robot, 0)

@@ -1,0 +1,110 @@
+"""Who fills a run's replay: the run's own process, step by step, or others (``actors``)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from crowdbench_agents.learning.rollout import Rollout
+from torch import nn
+
+
+class Acting(ABC):
+    """All of a run's environments and those who act in them."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Environment steps so far."""
+
+    @property
+    @abstractmethod
+    def decisions(self) -> int:
+        """Decisions so far, each executed for one or more steps."""
+
+    @abstractmethod
+    def begin(self, say: Callable[[str], None]) -> None:
+        """Start an episode in every environment.
+
+        Args:
+            say: called with a line that the user has to see.
+        """
+
+    @abstractmethod
+    def step(self) -> None:
+        """Let every environment take one more control step than at the last call."""
+
+    @abstractmethod
+    def updated(self) -> None:
+        """Learn that the networks have changed."""
+
+    @abstractmethod
+    def seconds(self) -> dict[str, float]:
+        """Seconds since this was last asked, by what they were spent on."""
+
+    @abstractmethod
+    def state(self) -> dict[str, Any]:
+        """What has to survive an interruption."""
+
+    @abstractmethod
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what ``state`` returned, here or elsewhere."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End all that was started."""
+
+
+class InProcess(Acting):
+    """Acting in the learner's own process and in turn with it, the same for the same seed.
+
+    Args:
+        rollout: of all environments.
+        network: what it acts by.
+        learned: what is trained: ``network`` itself, or its original elsewhere.
+    """
+
+    def __init__(self, rollout: Rollout, network: nn.Module, learned: nn.Module) -> None:
+        self._rollout, self._network, self._learned = rollout, network, learned
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self._rollout.steps
+
+    @property
+    def decisions(self) -> int:
+        """Decisions so far."""
+        return self._rollout.explorer.decisions
+
+    def begin(self, say: Callable[[str], None]) -> None:
+        """Start an episode in every environment."""
+        self._rollout.begin()
+
+    def step(self) -> None:
+        """One control step in every environment."""
+        self._rollout.step()
+
+    @torch.no_grad()
+    def updated(self) -> None:
+        """Follow the networks where they are elsewhere."""
+        if self._network is not self._learned:
+            self._network.load_state_dict(self._learned.state_dict())
+
+    def seconds(self) -> dict[str, float]:
+        """Seconds since this was last asked, by what they were spent on."""
+        return self._rollout.watch.take()
+
+    def state(self) -> dict[str, Any]:
+        """The explorer's counters and random state."""
+        return {"steps": self.steps, "explorer": self._rollout.explorer.state()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from what ``state`` returned; without an explorer's state with new noise."""
+        self._rollout.steps = state["steps"]
+        self._rollout.explorer.restore(state["explorer"])
+
+    def close(self) -> None:
+        """Nothing was started."""

@@ -1,0 +1,202 @@
+"""A training run: what it learns from, what it leaves behind, what survives an interruption."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from crowdbench_agents.learning.batch import Batch, join
+from crowdbench_agents.learning.checkpoints import (
+    load_checkpoint,
+    require_fitting,
+    save_checkpoint,
+)
+from crowdbench_agents.learning.config import Config
+from crowdbench_agents.learning.demonstrations import open_replays
+from crowdbench_agents.learning.journal import Journal
+from crowdbench_agents.learning.precision import describe_precision
+from crowdbench_agents.learning.sampler import ScenarioSampler, scenario_digests
+from crowdbench_agents.learning.trained_robot import TrainedRobot
+from crowdbench_agents.learning.validation import Act, validate
+from crowdbench_agents.learning.weights import save_weights
+
+import crowdbench
+
+
+class TrainingRun(ABC):
+    """One training run and all that has to survive an interruption.
+
+    Subclasses say how networks act and learn; the replay and what a run leaves behind are the same
+    for all.
+
+    Args:
+        folder: of the run.
+        config: all settings.
+        seed: of parameters, episodes and exploration.
+        social: whether the reward includes the social term.
+    """
+
+    form: str
+    """Which networks the weights are of, as in ``save_weights``."""
+
+    def __init__(self, folder: Path, config: Config, seed: int, social: bool) -> None:
+        settings = config.training
+        self.folder, self.config = folder, config
+        self.sampler = ScenarioSampler(seed)
+        self.digests = scenario_digests(self.sampler.success)
+        self.rng = np.random.default_rng([seed, 2])
+        robot = crowdbench.RobotSpec.from_scenario(
+            crowdbench.load_scenario(next(iter(self.sampler.success)))
+        )
+        self.replay, self.demonstrations = open_replays(folder, config, robot, social)
+        self.facts = {
+            "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
+            "robot": TrainedRobot.of(robot).model_dump(),
+            "arithmetic": describe_precision(settings.bfloat16),
+        }  # fmt: skip
+        self.seconds, self.best = 0.0, -1.0
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Environment steps so far."""
+
+    @property
+    @abstractmethod
+    def updates(self) -> int:
+        """Updates so far."""
+
+    @property
+    @abstractmethod
+    def decisions(self) -> int:
+        """Decisions so far, each executed for one or more steps."""
+
+    @property
+    @abstractmethod
+    def updates_begin(self) -> bool:
+        """Whether there is enough in the replay for updates between the steps."""
+
+    @abstractmethod
+    def begin(self, say: Callable[[str], None]) -> None:
+        """Start an episode in every environment.
+
+        Args:
+            say: called with a line that the user has to see.
+        """
+
+    @abstractmethod
+    def step(self) -> None:
+        """One more control step in every environment."""
+
+    @abstractmethod
+    def update(self) -> dict[str, torch.Tensor]:
+        """One update of the networks; returns the losses' terms, for the log."""
+
+    @abstractmethod
+    def check(self, terms: Mapping[str, float]) -> None:
+        """Stop a training that has died or diverged.
+
+        Args:
+            terms: means of what ``update`` returned.
+
+        Raises:
+            TrainingError: it has; the message says how that shows and what helps.
+        """
+
+    @abstractmethod
+    def scalars(self) -> dict[str, float]:
+        """Numbers for the log beside the losses' terms."""
+
+    @abstractmethod
+    def policy(self) -> Act:
+        """Act by the present policy, without noise."""
+
+    @abstractmethod
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """The weights, as they are shipped."""
+
+    @abstractmethod
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint has to hold of this kind of agent: tensors, numbers and text."""
+
+    @abstractmethod
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Continue from what ``state`` returned."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End all that was started."""
+
+    def sample(self, count: int, horizon: int) -> Batch:
+        """Draw sequences of H steps from the replay and the demonstrations.
+
+        Args:
+            count: sequences.
+            horizon: H.
+        """
+        settings = self.config.training
+        options = horizon, self.rng, settings.collision_share, settings.reflect
+        if self.demonstrations is None:
+            return self.replay.sample(count, *options)
+        if len(self.replay) < settings.warmup:
+            return self.demonstrations.sample(count, *options)
+        shown = round(settings.demonstration_share * count)
+        if not shown:
+            return self.replay.sample(count, *options)
+        if shown == count:
+            return self.demonstrations.sample(count, *options)
+        batch = self.replay.sample(count - shown, *options)
+        return join(batch, self.demonstrations.sample(shown, *options))
+
+    def validate(self, journal: Journal) -> None:
+        """Tell the success of the policy on validation seeds, and keep the best."""
+        settings = self.config.training
+        geometry = self.config.perception.geometry
+        result = validate(self.policy(), geometry, settings.validation_episodes)
+        counts = {
+            "steps": self.steps, "decisions": self.decisions, "updates": self.updates,
+            "seconds": self.seconds,
+        }  # fmt: skip
+        row = journal.validated(result, counts, self.sampler.success)
+        if result.mean >= self.best:
+            self.best = result.mean
+            self.export("best", row)
+
+    def export(self, name: str, row: Mapping[str, Any]) -> None:
+        """Write the weights to ``name``.safetensors, with how they came about."""
+        path = self.folder / f"{name}.safetensors"
+        save_weights(path, self.tensors(), self.config, {**self.facts, **row}, self.form)
+
+    def save(self) -> None:
+        """Write a checkpoint atomically.
+
+        Raises:
+            TrainingError: no room on the disk.
+        """
+        counters = {"steps": self.steps, "seconds": self.seconds, "best": self.best}
+        state = {
+            "rng": json.dumps(self.rng.bit_generator.state),
+            "sampler": json.dumps([self.sampler.success, self.sampler.episodes]),
+            "counters": json.dumps(counters | {"updates": self.updates}),
+        }
+        save_checkpoint(self.folder, state | self.state(), self.digests, self.form)
+
+    def restore(self) -> None:
+        """Continue from the checkpoint in the run's folder.
+
+        Raises:
+            TrainingError: it is damaged, of another version or other networks, or its scenarios
+                have changed.
+        """
+        state = load_checkpoint(self.folder, self.form)
+        require_fitting(self.folder, state, self.state())
+        self.rng.bit_generator.state = json.loads(state["rng"])
+        self.sampler.success, self.sampler.episodes = json.loads(state["sampler"])
+        counters = json.loads(state["counters"])
+        self.seconds, self.best = counters["seconds"], counters["best"]
+        self.set_state(state | counters)

@@ -1,0 +1,69 @@
+"""What runs on a Ray node: chunks of episodes of one agent, with the local executor's processes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+from crowdbench.agent import AgentSpec
+from crowdbench.evaluation.machine import machine_name
+from crowdbench.evaluation.parcel import Parcel, without_root
+from crowdbench.evaluation.pool import Limits, Pool
+from crowdbench.evaluation.protocol import Answer, Lost, Message
+from crowdbench.evaluation.results import Origin
+
+
+class Greeting(NamedTuple):
+    """What a node says of itself.
+
+    Attributes:
+        node: by which Ray knows the machine.
+        release: of crowdbench.
+        origin: as rows name it.
+    """
+
+    node: str
+    release: str
+    origin: Origin
+
+
+class Node:
+    """One worker, an actor of Ray's: it holds agents' processes and runs one episode at a time."""
+
+    def __init__(self, limits: Limits) -> None:
+        """Start a process ahead of its work; ``limits`` are for agent code."""
+        self._root = Path(tempfile.mkdtemp(prefix="crowdbench-")).resolve()
+        os.chdir(self._root)  # processes start in it
+        self._unpacked: dict[str, AgentSpec] = {}
+        self._pool = Pool(1, limits)
+        self._pool.prepare(1)
+
+    def greet(self) -> Greeting:
+        """Say which node this is."""
+        import ray
+
+        node = ray.get_runtime_context().get_node_id()
+        return Greeting(node, version("crowdbench-nav"), Origin.of(machine_name()))
+
+    def run(self, parcel: Parcel, messages: Sequence[Message]) -> Iterator[Answer | Lost]:
+        """Answer messages about the agent in the parcel, one after the other."""
+        label = str(parcel.agent)
+        if label not in self._unpacked:
+            self._unpacked[label] = parcel.unpack(self._root)
+        agent = self._unpacked[label]
+        queue: deque[Message] = deque(replace(message, agent=agent) for message in messages)
+        for _, answer in self._pool.run(queue):
+            yield without_root(answer, self._root)
+
+    def close(self) -> None:
+        """End the processes and remove what was written."""
+        self._pool.__exit__(None, None, None)
+        os.chdir("/")
+        shutil.rmtree(self._root, ignore_errors=True)
