@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,12 @@ from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.machine import machine_name
 from crowdbench.evaluation.results import Cell, Origin, ResultsStore, scenario_label
-from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import WORLD_VERSION
-from crowdbench.simulation.env import CrowdEnv
+
+if TYPE_CHECKING:
+    from crowdbench.simulation.env import CrowdEnv
 
 HUMAN = "human"
 """The name under which a person's episodes are stored."""
@@ -158,6 +159,9 @@ def drive(scenario: Scenario, seed: int) -> Episode:
     driver = Driver()
     title = f"crowdbench: {scenario.name}, seed {seed}: arrow keys drive, shift slows, Esc ends"
     window = Window(title, driver)
+    from crowdbench.evaluation.rollout import run_episode
+    from crowdbench.simulation.env import CrowdEnv
+
     env = CrowdEnv(scenario, render_mode="rgb_array")
     due: float | None = None
 

@@ -68,9 +68,11 @@ class Measurements:
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
         added_since = {name: np.nan for name in METRICS if name not in kept}
         self.episodes = kept.drop(columns=["episodes", "named"]).assign(**added_since)
+        cells = kept.groupby(["agent", "named"], sort=False).indices
+        self._not_computed = {key: not_computed(kept.iloc[rows]) for key, rows in cells.items()}
+        values = kept.reindex(columns=["seed", *METRICS])
         self._cells = {
-            key: rows.set_index("seed").sort_index()
-            for key, rows in kept.groupby(["agent", "named"], sort=False)
+            key: values.iloc[rows].set_index("seed").sort_index() for key, rows in cells.items()
         }
         self._means: dict[Mean, Estimate] = {}
         self._differences: dict[Pair, Difference] = {}
@@ -86,8 +88,8 @@ class Measurements:
 
     def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
         """How many of the stored episodes are older than a metric and were not recomputed."""
-        rows = [self._rows(agent, scenario) for scenario in scenarios]
-        return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
+        cells = [self._not_computed.get((agent, scenario), {}) for scenario in scenarios]
+        return sum(cell.get(metric, 0) for cell in cells)
 
     def mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
         """Mean over the episodes of all scenarios."""
