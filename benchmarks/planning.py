@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
 from crowdbench_agents.latent_planner.learner import policy_act
 from crowdbench_agents.latent_planner.mppi import encode_views, plan
 from crowdbench_agents.latent_planner.plain import PlainEvaluator
@@ -40,6 +39,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 
 import crowdbench
+from crowdbench.strict_yaml import load_yaml
 
 HARD = (
     "multimodal_fast", "unimodal_fast_nonreactive", "multimodal_fast_nonreactive",
@@ -99,7 +99,7 @@ def main() -> None:
             values = dict(part.split("=", 1) for part in parts if part)
             execute = int(values.pop("execute", 1))
             score = TypeAdapter(Score).validate_python(values.pop("score", "reward_q"))
-            changed = {f"planner.{key}": yaml.safe_load(x) for key, x in values.items()}
+            changed = {f"planner.{key}": load_yaml(x) for key, x in values.items()}
             act = planner_act(model, config.override(changed), execute, score)
         result = validate(
             act, config.perception.geometry, arguments.episodes, names, arguments.first_seed

@@ -27,12 +27,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
 from crowdbench_agents.geometry.footprint import advance, point_gap
-from crowdbench_agents.latent_planner.losses import model_loss
+from crowdbench_agents.latent_planner.losses import encode_targets, model_loss
 from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel, load_world_model
 from crowdbench_agents.learning.batch import Batch
-from crowdbench_agents.learning.config import Config, load_config
+from crowdbench_agents.learning.config import Config, Loss, load_config
 from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.noise import CorrelatedNoise
@@ -45,6 +44,7 @@ from scipy.stats import rankdata
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 import crowdbench
+from crowdbench.strict_yaml import load_yaml
 
 SCENARIOS = ("unimodal_fast_nonreactive", "multimodal_fast_nonreactive")
 FIRST_SEED, GEOMETRY_SEED = WORLD_MODEL_TEST[0], WORLD_MODEL_TEST[50_000_000]
@@ -220,10 +220,18 @@ def retrain(model: WorldModel, train: Replay, config: Config, updates: int, size
     rng = np.random.default_rng(1)
     for _ in range(updates):
         batch = draw(train, config, size, rng)
-        loss = model_loss(model, model, batch, ends, torch.zeros_like(batch.action)).total
+        loss = whole_loss(model, model, batch, ends, torch.zeros_like(batch.action))
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
+
+
+def whole_loss(
+    model: WorldModel, target: WorldModel, batch: Batch, loss: Loss, noise: torch.Tensor
+) -> torch.Tensor:
+    """The world model's loss, encoding included."""
+    z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
+    return model_loss(model, z, encode_targets(target, batch, loss, noise), batch, loss).total
 
 
 def main() -> None:
@@ -246,7 +254,7 @@ def main() -> None:
         parser.error("--retrain needs --weights")
     keep_freed_memory()
     torch.set_num_threads(1)
-    changes = {item.split("=")[0]: yaml.safe_load(item.split("=")[1]) for item in arguments.set}
+    changes = {item.split("=")[0]: load_yaml(item.split("=")[1]) for item in arguments.set}
     config = load_config().override(changes)
     console = Console()
     learned = [name for name in arguments.models if name != "geometry"]
@@ -304,7 +312,7 @@ def learn(
         with bf16:
             if isinstance(model, WorldModel):
                 noise = torch.randn_like(batch.action)
-                loss = model_loss(model, target, batch, config.loss, noise).total
+                loss = whole_loss(model, target, batch, config.loss, noise)
             else:
                 logit = model(first_of(batch), batch.action)
                 loss = binary_cross_entropy_with_logits(logit, collides(batch))

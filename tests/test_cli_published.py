@@ -4,6 +4,7 @@ import json
 import webbrowser
 
 import pytest
+from crowdbench_studies.paper import STUDY as PAPER
 from PIL import Image
 from stored_episodes import Episodes
 
@@ -13,6 +14,7 @@ from crowdbench.evaluation.joined import cells_of
 from crowdbench.evaluation.publish import publish as publish_plan
 from crowdbench.evaluation.record import write_cell
 from crowdbench.evaluation.results import load_results
+from crowdbench.site.website import Site
 
 SCENARIO = "unimodal_slow"
 
@@ -206,3 +208,20 @@ def test_publish_works_in_a_checkout_only(local, tmp_path, record, capsys):
     assert main(["publish", "mine.py", "--results", "mine", "--record", str(record)]) == 2
     assert "installed with crowdbench is read-only" in capsys.readouterr().err
     assert not record.exists()
+
+
+def test_the_report_misses_the_published_seeds_that_the_study_plans(publish, local, monkeypatch):
+    seen = {}
+
+    def written(rows, output, tables, figures, planned):
+        seen.update(planned=planned)
+        return Site(output, 0, 0, 0)
+
+    monkeypatch.setattr("crowdbench.cli.report._of_study", lambda *given: ([], []))
+    monkeypatch.setattr("crowdbench.site.website.write_report_page", written)
+    publish("orca", spl=[0.5])
+    assert main(["report"]) == 0
+    assert seen["planned"] == {(c.scenario, c.agent): c.episodes for c in PAPER.cells()}
+    local.add("orca", SCENARIO, spl=[0.9])
+    assert main(["report", "--results", "mine"]) == 0
+    assert seen["planned"] == {}, "in a folder of one's own nothing is planned"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from crowdbench_agents.learning.acting import Acting, InProcess
+from crowdbench_agents.learning.actors import Actors
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.rollout import Rollout
@@ -22,19 +23,36 @@ class KindRun(TrainingRun):
     Args:
         kind: of agent.
         folder, config, seed, social: as in ``TrainingRun``.
+        device: where networks are trained.
+        actors: processes that act; with 0 this one does, in turn with learning.
     """
 
-    def __init__(self, kind: Kind, folder: Path, config: Config, seed: int, social: bool) -> None:
+    def __init__(
+        self,
+        kind: Kind,
+        folder: Path,
+        config: Config,
+        seed: int,
+        social: bool,
+        device: torch.device,
+        actors: int,
+    ) -> None:
         self.form = kind.form
-        super().__init__(folder, config, seed, social)
-        self.learner = kind.learner(config, seed, torch.device("cpu"))
-        self.acting = self._make_acting(kind, seed)
+        super().__init__(folder, config, seed, social, device.type)
+        self.learner = kind.learner(config, seed, device)
+        self.acting = self._make_acting(kind, seed, actors)
 
-    def _make_acting(self, kind: Kind, seed: int) -> Acting:
+    def _make_acting(self, kind: Kind, seed: int, actors: int) -> Acting:
+        if actors:
+            return Actors(
+                kind, self.learner.network, self.config, self.folder, self.sampler, seed, actors
+            )
         everywhere = np.arange(self.config.training.environments)
-        network = self.learner.network
+        learned = self.learner.network
+        here = next(learned.parameters()).device.type == "cpu"
+        network = learned if here else kind.network(self.config).requires_grad_(False)
         rollout = Rollout(kind, network, self.config, everywhere, self.sampler, self.replay, seed)
-        return InProcess(rollout, network, network)
+        return InProcess(rollout, network, learned)
 
     @property
     def steps(self) -> int:
@@ -54,11 +72,11 @@ class KindRun(TrainingRun):
     @property
     def updates_begin(self) -> bool:
         """Whether the replay has warmed up."""
-        return len(self.replay) >= self.config.training.warmup
+        return len(self.replay) >= self.needed
 
-    def begin(self, say: Callable[[str], None]) -> None:
+    def begin(self, say: Callable[[str], None], stopping: Callable[[], bool]) -> None:
         """Start an episode in every environment."""
-        self.acting.begin(say)
+        self.acting.begin(say, stopping)
 
     def step(self) -> None:
         """One more control step in every environment."""
@@ -96,6 +114,10 @@ class KindRun(TrainingRun):
         """Continue from what ``state`` returned."""
         self.learner.restore(state["learner"])
         self.acting.restore(state["acting"])
+
+    def spent(self) -> dict[str, float]:
+        """Seconds since this was last asked, by what they were spent on."""
+        return self.learner.watch.take() | self.acting.seconds()
 
     def close(self) -> None:
         """End all that was started."""

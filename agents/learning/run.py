@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ from crowdbench_agents.learning.checkpoints import (
     save_checkpoint,
 )
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.demonstrations import open_replays
+from crowdbench_agents.learning.demonstrations import open_demonstrations, open_replay
 from crowdbench_agents.learning.journal import Journal
 from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.sampler import ScenarioSampler, scenario_digests
@@ -39,12 +38,18 @@ class TrainingRun(ABC):
         config: all settings.
         seed: of parameters, episodes and exploration.
         social: whether the reward includes the social term.
+        device: where networks are trained.
+
+    Attributes:
+        needed: rows in the replay before the next update.
     """
 
     form: str
     """Which networks the weights are of, as in ``save_weights``."""
 
-    def __init__(self, folder: Path, config: Config, seed: int, social: bool) -> None:
+    def __init__(
+        self, folder: Path, config: Config, seed: int, social: bool, device: str = "cpu"
+    ) -> None:
         settings = config.training
         self.folder, self.config = folder, config
         self.sampler = ScenarioSampler(seed)
@@ -53,13 +58,15 @@ class TrainingRun(ABC):
         robot = crowdbench.RobotSpec.from_scenario(
             crowdbench.load_scenario(next(iter(self.sampler.success)))
         )
-        self.replay, self.demonstrations = open_replays(folder, config, robot, social)
+        self.replay = open_replay(folder, config, robot, social)
+        self.demonstrations = open_demonstrations(folder, config, robot, social)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),
-            "arithmetic": describe_precision(settings.bfloat16),
+            "arithmetic": describe_precision(settings.bfloat16, device),
         }  # fmt: skip
         self.seconds, self.best = 0.0, -1.0
+        self.needed = settings.warmup
 
     @property
     @abstractmethod
@@ -82,11 +89,12 @@ class TrainingRun(ABC):
         """Whether there is enough in the replay for updates between the steps."""
 
     @abstractmethod
-    def begin(self, say: Callable[[str], None]) -> None:
+    def begin(self, say: Callable[[str], None], stopping: Callable[[], bool]) -> None:
         """Start an episode in every environment.
 
         Args:
             say: called with a line that the user has to see.
+            stopping: tells whether to stop, and to wait for nothing any more.
         """
 
     @abstractmethod
@@ -127,6 +135,10 @@ class TrainingRun(ABC):
     @abstractmethod
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned."""
+
+    @abstractmethod
+    def spent(self) -> dict[str, float]:
+        """Seconds since this was last asked, by what they were spent on."""
 
     @abstractmethod
     def close(self) -> None:
@@ -173,30 +185,38 @@ class TrainingRun(ABC):
         save_weights(path, self.tensors(), self.config, {**self.facts, **row}, self.form)
 
     def save(self) -> None:
-        """Write a checkpoint atomically.
+        """Write a checkpoint atomically: everything but the replay.
 
         Raises:
-            TrainingError: no room on the disk.
+            TrainingError: no room on the disk, or numbers that are not finite.
         """
-        counters = {"steps": self.steps, "seconds": self.seconds, "best": self.best}
+        counters = {
+            "steps": self.steps, "updates": self.updates, "seconds": self.seconds,
+            "best": self.best, "kept": len(self.replay),
+        }  # fmt: skip
         state = {
-            "rng": json.dumps(self.rng.bit_generator.state),
-            "sampler": json.dumps([self.sampler.success, self.sampler.episodes]),
-            "counters": json.dumps(counters | {"updates": self.updates}),
+            "rng": self.rng.bit_generator.state,
+            "sampler": {"success": self.sampler.success, "episodes": self.sampler.episodes},
+            "counters": counters,
         }
         save_checkpoint(self.folder, state | self.state(), self.digests, self.form)
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder.
 
+        Where the replay is not there, it is filled again before the next update.
+
         Raises:
             TrainingError: it is damaged, of another version or other networks, or its scenarios
                 have changed.
         """
         state = load_checkpoint(self.folder, self.form)
-        require_fitting(self.folder, state, self.state())
-        self.rng.bit_generator.state = json.loads(state["rng"])
-        self.sampler.success, self.sampler.episodes = json.loads(state["sampler"])
-        counters = json.loads(state["counters"])
+        expected = self.state()
+        expected.pop("acting", None)  # it goes on elsewhere, with other actors
+        require_fitting(self.folder, state, expected)
+        self.rng.bit_generator.state = state["rng"]
+        counters, sampler = state["counters"], state["sampler"]
+        self.sampler.success, self.sampler.episodes = sampler["success"], sampler["episodes"]
         self.seconds, self.best = counters["seconds"], counters["best"]
+        self.needed = max(self.needed, min(counters["kept"], self.config.training.refill))
         self.set_state(state | counters)

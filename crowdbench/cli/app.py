@@ -5,6 +5,7 @@ Everything heavy is imported inside the commands, so that ``crowdbench --help`` 
 
 from __future__ import annotations
 
+import codecs
 import io
 import sys
 import warnings
@@ -52,11 +53,26 @@ for command in (
 app.command("import")(import_results)
 
 
+_IN_ASCII = "crowdbench.in_ascii"
+_SIGNS = {"↑": "^", "↓": "v", "—": "-", "–": "-", "†": "+", "²": "2", "³": "3", "·": "*", "…": "."}
+"""What stands for our signs where the encoding lacks them; each as wide as the sign."""
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join(_SIGNS.get(sign, "?") for sign in lacking), error.end
+
+
+codecs.register_error(_IN_ASCII, _in_ascii)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the user's mistakes become one red line and exit code 2."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal may know nothing but ASCII
+            stream.reconfigure(errors=_IN_ASCII)  # a terminal may know nothing but ASCII
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning

@@ -38,6 +38,7 @@ def print_tables(
         published: what the record has of the same agents in the same scenarios.
         lacking: the episodes of each cell that could not be run.
     """
+    main = {name: metric for name, metric in METRICS.items() if metric.main}
     for scenario in dict.fromkeys(cell.scenario for cell in rows):
         cells = [cell for cell in rows if cell.scenario == scenario]
         table = _table(scenario)
@@ -54,25 +55,22 @@ def print_tables(
             for cell in cells
             for gap in (len(lacking.get(cell, ())), *([0] if cell in published else []))
         ]
-        episodes = [per_episode(part, METRICS) for part in columns]
-        lacking_metrics = [not_computed(part) for part in columns]
-        for name, metric in METRICS.items():
-            if metric.main:
-                found = estimates((metric, values[name]) for values in episodes)
-                shown = [
-                    _interval(metric, item) if older.get(name) != len(part) else "not computed"
-                    for item, part, older in zip(found, columns, lacking_metrics, strict=True)
-                ]
-                table.add_row(_heading(name), *shown)
+        found = [estimates(main, per_episode(part, main)) for part in columns]
+        older = [not_computed(part) for part in columns]
+        for name, metric in main.items():
+            shown = [
+                "not computed" if old.get(name) == len(part) else _interval(metric, item[name])
+                for item, part, old in zip(found, columns, older, strict=True)
+            ]
+            table.add_row(_heading(name), *shown)
         counts = map(_count, columns, gaps)
         table.add_row("episodes", *counts)
         table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
         console.print()
     print_published(console, {cell.agent: part for cell, part in published.items()})
-    main = [name for name, metric in METRICS.items() if metric.main]
     named = {f"{cell.agent} in {cell.scenario}": part for cell, part in rows.items()}
-    print_not_computed(console, named, main)
+    print_not_computed(console, named, list(main))
     for cell, table in rows.items():
         _print_errors(console, cell, table)
         _print_waits(console, cell, table)
@@ -169,7 +167,6 @@ def _cell_document(
 ) -> dict[str, Any]:
     failed = rows[rows["outcome"] == "agent_error"]
     values = per_episode(rows, METRICS)
-    found = estimates((metric, values[name]) for name, metric in METRICS.items())
     return {
         "scenario": cell.scenario,
         "scenario_digest": cell.scenario_digest,
@@ -183,7 +180,9 @@ def _cell_document(
         "overloaded": int(waited(rows).sum()),
         "not_computed": not_computed(rows),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
-        "metrics": dict(zip(METRICS, map(_estimate_document, found), strict=True)),
+        "metrics": {
+            name: _estimate_document(found) for name, found in estimates(METRICS, values).items()
+        },
         "errors": [
             {"seed": int(seed), "error": error}
             for seed, error in zip(failed["seed"], failed["error"], strict=True)

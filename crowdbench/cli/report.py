@@ -41,13 +41,25 @@ def report(
         )
     with tempfile.TemporaryDirectory(prefix="crowdbench-figures-") as folder:
         tables, figures = _of_study(rows, results or PUBLISHED, Path(folder))
-        site = write_report_page(rows, output or (results or RESULTS) / "report", tables, figures)
+        # In a folder of one's own are as many episodes as one has wished for.
+        planned = _planned() if results is None else {}
+        place = output or (results or RESULTS) / "report"
+        site = write_report_page(rows, place, tables, figures, planned)
     out().print(
         f"{site.page}: {site.cells} leaderboard lines from {site.episodes:,} episodes, "
         f"{site.replays:,} replays",
         markup=False,
         soft_wrap=True,
     )
+
+
+def _planned() -> dict[tuple[str, str], int]:
+    """The default study's episodes, by scenario and agent."""
+    from crowdbench.study.library import load_study
+
+    return {
+        (cell.scenario, cell.agent): cell.episodes for cell in load_study(DEFAULT_STUDY).cells()
+    }
 
 
 def _of_study(

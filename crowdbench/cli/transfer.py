@@ -41,6 +41,10 @@ def export(
     if output is None:
         typer.echo(rows.to_csv(index=False), nl=False)
         return
+    if output.exists() and not output.is_file():
+        raise UserError(
+            f"{output}: not a file, so nothing is put in its place; without --output CSV is printed"
+        )
     part = output.with_name(f".{output.name}.part")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)

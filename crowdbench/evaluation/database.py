@@ -88,7 +88,32 @@ def reported(path: Path) -> Iterator[None]:
         raise ResultsError(f"{path}: cannot hold this ({error})") from error
 
 
-def open_for_writing(folder: Path) -> sqlite3.Connection:
+class Writer(sqlite3.Connection):
+    """A connection that knows which file it writes to."""
+
+    path: Path
+    file: tuple[int, int]
+
+    def require_its_file(self) -> None:
+        """Make sure that what was written is where it will be looked for.
+
+        A file that is removed or moved can be written to without an error as long as it is open.
+
+        Raises:
+            ResultsError: another file or none is in its place.
+        """
+        try:
+            there = _file(self.path)
+        except FileNotFoundError:
+            there = None
+        if there != self.file:
+            raise ResultsError(
+                f"{self.path}: was removed, moved or replaced while it was in use; what was "
+                "stored last is not in it, and the same command runs that again"
+            )
+
+
+def open_for_writing(folder: Path) -> Writer:
     """Open the database of a folder, both made if need be.
 
     Raises:
@@ -99,8 +124,10 @@ def open_for_writing(folder: Path) -> sqlite3.Connection:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.exists():
             _create(path)
-        connection = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
+        _require_file(path)
+        connection = sqlite3.connect(path, PATIENCE, isolation_level=None, factory=Writer)
         try:
+            connection.path, connection.file = path, _file(path)
             _check(connection, path)
             # A crash of the machine may cost the last episodes, never the file.
             connection.execute("PRAGMA synchronous = NORMAL")
@@ -122,13 +149,18 @@ def opened_for_reading(folder: Path) -> Iterator[sqlite3.Connection | None]:
         if not path.exists():
             yield None
             return
+        _require_file(path)
         with contextlib.closing(_readable(path)) as connection:
             yield connection
 
 
 @contextlib.contextmanager
-def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """All or nothing, and nobody else writes meanwhile."""
+def transaction(connection: Writer) -> Iterator[None]:
+    """All or nothing, and nobody else writes meanwhile.
+
+    Raises:
+        ResultsError: the file is no longer where it was.
+    """
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
@@ -136,6 +168,7 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
     except BaseException:
         connection.rollback()
         raise
+    connection.require_its_file()
 
 
 def require_writable(folder: Path) -> None:
@@ -160,6 +193,20 @@ def require_writable(folder: Path) -> None:
             connection.execute("BEGIN IMMEDIATE")
             connection.execute(f"PRAGMA user_version = {SCHEMA}")  # finds a read-only file out
             connection.rollback()
+
+
+def _require_file(path: Path) -> None:
+    if not path.is_file():
+        raise ResultsError(
+            f"{path}: not a file (a folder, pipe or device); move it away or choose another folder "
+            "with --results"
+        )
+
+
+def _file(path: Path) -> tuple[int, int]:
+    """What tells a file from every other one."""
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def _create(path: Path) -> None:

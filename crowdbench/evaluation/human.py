@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,11 @@ from crowdbench.evaluation.results import Cell, Origin, ResultsStore, scenario_l
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import WORLD_VERSION
+from crowdbench.simulation import window as windows
 
 if TYPE_CHECKING:
+    import pygame
+
     from crowdbench.simulation.env import CrowdEnv
 
 HUMAN = "human"
@@ -68,15 +71,19 @@ class Driver(Agent):
         return share * v, share * w
 
 
-class Window:
-    """Shows the scene at real-time pace and hands the keys to a driver."""
+class Window(windows.Window):
+    """Shows the scene at real-time pace and hands the keys to a driver; one at a time."""
 
-    def __init__(self, title: str, driver: Driver) -> None:
-        """Open a window.
+    _latest: ClassVar[Window | None] = None
+
+    def __init__(self, title: str, size: tuple[int, int], driver: Driver) -> None:
+        """Open a window with the given inner size [px].
 
         Raises:
-            NoDisplayError: there is no screen.
+            NoDisplayError: there is no screen, or somebody drives in this process already.
         """
+        if Window._latest is not None and not Window._latest.closed:
+            raise NoDisplayError("somebody drives in this process already; end that drive first")
         if sys.platform.startswith("linux") and not any(map(os.environ.get, _SCREENS)):
             raise NoDisplayError(
                 "a window needs a display, and there is none (neither DISPLAY nor WAYLAND_DISPLAY "
@@ -85,13 +92,12 @@ class Window:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         import pygame
 
-        self._pygame, self._driver, self._title = pygame, driver, title
         try:
-            pygame.display.init()
+            super().__init__(pygame, title, size)
         except pygame.error as error:
             raise NoDisplayError(f"a window needs a display: {error}") from error
+        Window._latest, self._driver = self, driver
         self._clock = pygame.time.Clock()
-        self._surface: Any = None
         self._down: set[int] = set()
         self._keys = {
             pygame.K_UP: "up", pygame.K_w: "up", pygame.K_DOWN: "down", pygame.K_s: "down",
@@ -99,18 +105,16 @@ class Window:
             pygame.K_d: "right", pygame.K_LSHIFT: "slow", pygame.K_RSHIFT: "slow",
         }  # fmt: skip
 
-    def close(self) -> None:
-        """Close the window."""
-        self._pygame.display.quit()
+    def show(self, picture: pygame.Surface) -> None:
+        """Replace what is shown; events are for ``wait``.
 
-    def show(self, picture: NDArray[np.uint8]) -> None:
-        """Put a picture (height, width, 3) on the screen."""
-        pygame = self._pygame
-        if self._surface is None:
-            self._surface = pygame.display.set_mode(picture.shape[1::-1])
-            pygame.display.set_caption(self._title)
-        self._surface.blit(pygame.surfarray.make_surface(picture.transpose(1, 0, 2)), (0, 0))
-        pygame.display.flip()
+        Raises:
+            QuitError: the window was closed.
+        """
+        if self.closed:
+            raise QuitError
+        self._window.get_surface().blit(picture, (0, 0))
+        self._window.flip()
 
     def wait(self, seconds: float) -> None:
         """Look after the keys for a while.
@@ -118,10 +122,10 @@ class Window:
         Raises:
             QuitError: Escape, or the window was closed.
         """
-        end = self._pygame.time.get_ticks() + 1000 * seconds
+        end = time.monotonic() + seconds
         while True:
             self._read_events()
-            if self._pygame.time.get_ticks() >= end:
+            if time.monotonic() >= end:
                 return
             self._clock.tick(_FRAMES)
 
@@ -131,9 +135,15 @@ class Window:
             self.wait(1 / _FRAMES)
 
     def _read_events(self) -> None:
+        if self.closed:
+            raise QuitError
         pygame = self._pygame
         for event in pygame.event.get():
             if event.type == pygame.QUIT:
+                raise QuitError
+            if getattr(event, "window", None) not in (None, self._window):
+                continue  # another window's
+            if event.type == pygame.WINDOWCLOSE:
                 raise QuitError
             if event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE:
                 raise QuitError
@@ -152,25 +162,27 @@ def drive(scenario: Scenario, seed: int) -> Episode:
     It begins when a key that steers is pressed and goes on at real-time pace.
 
     Raises:
-        NoDisplayError: there is no screen.
+        NoDisplayError: there is no screen, or somebody drives in this process already.
         QuitError: the person has left; nothing is left open.
         ScenarioError: the scenario has no room.
     """
     driver = Driver()
     title = f"crowdbench: {scenario.name}, seed {seed}: arrow keys drive, shift slows, Esc ends"
-    window = Window(title, driver)
     from crowdbench.evaluation.rollout import run_episode
     from crowdbench.simulation.env import CrowdEnv
 
     env = CrowdEnv(scenario, render_mode="rgb_array")
-    due: float | None = None
+    window: Window | None = None
+    due = 0.0
 
     def on_step(env: CrowdEnv) -> None:
-        nonlocal due
+        nonlocal window, due
         picture = env.render()
         assert picture is not None
-        window.show(picture)
-        if due is None:
+        first = window is None
+        window = window or Window(title, picture.shape[1::-1], driver)
+        window.show(_surface(picture))
+        if first:
             window.wait_for_a_key()
             due = time.monotonic()
         else:
@@ -181,9 +193,17 @@ def drive(scenario: Scenario, seed: int) -> Episode:
     try:
         (episode,) = run_episode(env, [driver], seed, label=HUMAN, on_step=on_step)
     finally:
-        window.close()
+        if window is not None:
+            window.close()
         env.close()
     return episode
+
+
+def _surface(picture: NDArray[np.uint8]) -> pygame.Surface:
+    """A picture (height, width, 3) as pygame has it."""
+    import pygame
+
+    return pygame.surfarray.make_surface(picture.transpose(1, 0, 2))
 
 
 def human_cell(scenario: Scenario) -> Cell:

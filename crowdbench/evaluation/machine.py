@@ -15,7 +15,8 @@ def machine_name() -> str:
         name = next(line.partition(":")[2].strip() for line in lines if "model name" in line)
     except (OSError, StopIteration):  # not Linux, or a processor without a name
         pass
-    return f"{name}, {core_count()} cores, 1 thread per agent"
+    cores = core_count()
+    return f"{name}, {cores} {'core' if cores == 1 else 'cores'}, 1 thread per agent"
 
 
 def core_count() -> int:

@@ -1,7 +1,8 @@
 """One worker process: its start, the messages to it, and how it ends with all it has started.
 
 It is a fresh interpreter (no fork of a process with threads, no import of the caller's script) in
-a session of its own, so that Ctrl-C reaches the parent alone. Agents compute in a single thread:
+a session of its own, so that Ctrl-C reaches the parent alone. On Linux it has a keeper, which is
+the process known here (see ``keeper``). Agents compute in a single thread:
 what an agent decides must not depend on the number of threads, which numerical libraries split
 their sums by.
 """
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import psutil
 
 from crowdbench.evaluation.heartbeat import Heartbeat
+from crowdbench.evaluation.keeper import KEPT, PATIENCE
 from crowdbench.evaluation.protocol import Answer, Broken, Described, Done, Message, Refused
 
 ONE_THREAD = dict.fromkeys(
@@ -43,6 +45,8 @@ _MARK = "CROWDBENCH_WORKER"
 """Environment variable by which the children of a worker are known, whatever their session."""
 _FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM)
 """Signals that end a process at somebody's wish, unless it has sent them itself."""
+_LAST_WORDS = PATIENCE + 1
+"""How long a process may take to end once it should [s]."""
 _ROUNDS = 10
 """How often what a worker has started is looked for: what is being killed may start another."""
 
@@ -139,14 +143,14 @@ class WorkerProcess:
         """End a process that hangs; returns the place where it was, as far as that is known."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._popen.send_signal(signal.SIGABRT)  # makes it note its stack
-            self._popen.wait(timeout=2)
+            self._popen.wait(timeout=_LAST_WORDS)
         self.kill()
         return self._place()
 
     def exit_reason(self) -> Ending:
         """Say how the process ended; what it has started ends too."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._popen.wait(timeout=2)
+            self._popen.wait(timeout=_LAST_WORDS)
         code = self._popen.poll()
         self.kill()
         if code is None:
@@ -159,6 +163,10 @@ class WorkerProcess:
     def kill(self) -> None:
         """End the process and whatever it has started, in whatever session."""
         started = _descendants(self._popen.pid) if self.alive else []
+        if KEPT:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._popen.terminate()
+                self._popen.wait(timeout=_LAST_WORDS)
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._popen.pid, signal.SIGKILL)
         for process in started:  # some have neither its group nor its environment

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.joined import cells_of
-from crowdbench.evaluation.record import Key, load_commands, load_record, write_cell
+from crowdbench.evaluation.record import Commands, Key, load_commands, load_record, write_cell
 from crowdbench.evaluation.results import Cell, load_driven, load_results, scenario_label
 from crowdbench.evaluation.rows import metric_columns, not_computed
 from crowdbench.scenario import load_scenario
@@ -100,9 +100,10 @@ def _publish_cell(
     """Write one cell; None if all of it is published already, or why it was not written."""
     import pandas as pd
 
-    kept = load_commands(cell, record)
+    same = len(old) > 0 and _same_measurement(old, cell)
+    kept = load_commands(cell, record) if same else Commands()
     stamps = ["seed", "robot", "outcome", "steps", "timestamp"]
-    known = old[stamps] if _same_measurement(old, cell) else old[stamps].iloc[:0]
+    known = old[stamps] if same else old[stamps].iloc[:0]
     published = set(known.itertuples(index=False, name=None))
     new = [
         int(seed)

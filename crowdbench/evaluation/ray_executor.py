@@ -10,11 +10,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import socket
 import time
 from collections import deque
 from collections.abc import Iterator
 from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -37,6 +39,8 @@ _STILLBORN = 3
 """Workers in a row that do not start, before the run is given up."""
 _OBJECT_STORE = 200_000_000
 """Of a Ray that is started here [bytes]; answers are small and do not go through it."""
+_EXCEPTION = re.compile(r"[\w.]+: ")
+"""How the last line of a traceback begins."""
 _SETTINGS = bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + _SETTINGS
 """What an HTTP/2 client begins with; a server, Ray's too, begins with its own SETTINGS frame."""
@@ -108,7 +112,7 @@ class RayExecutor(Executor):
     def prepare(self, count: int) -> None:
         """Start workers."""
         while len(self._workers) < min(count, self.jobs):
-            self._workers.append(_Worker(self._kind.remote(self._limits)))
+            self._workers.append(_Worker(self._kind.remote(self._limits, str(Path.cwd()))))
 
     def run(self, queue: deque[Message]) -> Iterator[Reply]:
         """Yield answers as they come from the nodes.
@@ -219,7 +223,7 @@ class RayExecutor(Executor):
         """Do without a worker that is gone; what it had is done by another."""
         self._workers.remove(worker)
         self._ray.kill(worker.actor)
-        reason = " ".join(str(error).split())
+        reason = _reason(error)
         if worker.greeting is None:
             self._stillborn += 1
             if self._stillborn >= _STILLBORN:
@@ -233,6 +237,12 @@ class RayExecutor(Executor):
             Lost(f"its Ray worker was lost ({reason})", outside=True),
             worker.greeting.origin,
         )
+
+
+def _reason(error: Exception) -> str:
+    """What Ray says of a worker that is gone: the exception there, else its first sentence."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [repr(error)]
+    return lines[-1] if _EXCEPTION.match(lines[-1]) else lines[0]
 
 
 def _require_reachable(address: str) -> None:

@@ -18,6 +18,7 @@ import io
 import json
 import os
 import tempfile
+import warnings
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
@@ -180,17 +181,6 @@ def load_commands(cell: Cell, folder: Path | None = None) -> Commands:
     return Commands({name: np.concatenate([part[name] for part in there]) for name in there[0]})
 
 
-def record_commands(
-    cell: Cell, seed: int, folder: Path | None = None
-) -> list[NDArray[np.float64]] | None:
-    """For each robot of one published episode (T, 2); None if it or its commands are not there.
-
-    Raises:
-        ResultsError: a file that is damaged; the message names it.
-    """
-    return list(load_commands(cell, folder).of(seed).values()) or None
-
-
 def write_cell(
     folder: Path,
     cell: Cell,
@@ -310,12 +300,17 @@ def _require_one_cell(rows: pd.DataFrame, path: Path) -> None:
 
 
 def _read_arrays(path: Path, cell: Cell) -> dict[str, NDArray[np.generic]] | None:
-    """The arrays of one file; None if it is not there or is another measurement's."""
+    """The arrays of one file; None if it is not there or, with a warning, another's."""
     if not path.exists():
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
             if json.loads(str(file["identity"])) != list(cell.identity):
+                warnings.warn(
+                    f"{path}: commands of another measurement than the rows, left out (other "
+                    "weights, code, world or scenario); publishing the cell anew replaces them",
+                    stacklevel=4,
+                )
                 return None
             arrays = {name: file[name] for name in _ARRAYS}
         Commands(arrays)

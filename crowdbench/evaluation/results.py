@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 from crowdbench.evaluation.database import (
     FILE,
     ResultsError,
+    Writer,
     open_for_writing,
     opened_for_reading,
     reported,
@@ -208,7 +209,7 @@ class ResultsStore:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = folder / FILE
-        self._connection: sqlite3.Connection | None = None
+        self._connection: Writer | None = None
 
     def stored(self, cell: Cell, *, errors: bool = True) -> dict[int, set[str]]:
         """The robots whose episodes are stored, for each seed.
@@ -249,7 +250,7 @@ class ResultsStore:
             How many are new.
 
         Raises:
-            ResultsError: the disk is full, or the file is locked, damaged or not writable.
+            ResultsError: the disk is full, or the file is locked, damaged, not writable or gone.
         """
         connection = self._writer()
         with reported(self.path), transaction(connection):
@@ -269,7 +270,7 @@ class ResultsStore:
             found = connection.execute(f"SELECT id FROM cells {CELL_IS}", cell.identity)
             return read_frame(connection, [number for (number,) in found], self.path)
 
-    def _writer(self) -> sqlite3.Connection:
+    def _writer(self) -> Writer:
         if self._connection is None:
             self._connection = open_for_writing(self.folder)
             weakref.finalize(self, self._connection.close)

@@ -28,6 +28,8 @@ _CELL = tuple(field.name for field in fields(Cell))
 _FIRST = (*_CELL, "seed", "robot", "outcome")
 _ORIGIN = tuple(field.name for field in fields(Origin))
 _LAST = ("steps", "error", "diagnostics", *_ORIGIN, NOT_COMPUTED)
+COLUMNS = frozenset((*_FIRST, *_LAST, "source", "episode"))
+"""Names that no metric can have: of other columns, of what is joined to them, and of keys."""
 _INTEGERS = ("seed", "steps")
 _TEXTS = ("robot", "outcome", "error", "diagnostics", *_ORIGIN)
 _SHARED = ("scenario", "agent", *(n for n in _CELL if n not in ("scenario", "agent")))

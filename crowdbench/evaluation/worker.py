@@ -13,7 +13,6 @@ import copy
 import faulthandler
 import hashlib
 import os
-import resource
 import signal
 import sys
 import traceback
@@ -26,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Heartbeat
+from crowdbench.evaluation.keeper import keep
 from crowdbench.evaluation.protocol import (
     Answer,
     Broken,
@@ -49,10 +49,10 @@ _LONGEST_WARNING = 1000
 def main() -> None:
     """Serve messages until the parent is gone; arguments are the descriptors to use."""
     connection_fd, heartbeat_fd, crash_fd, parent = (int(item) for item in sys.argv[-4:])
-    for descriptor in (connection_fd, heartbeat_fd, crash_fd):
+    descriptors = (connection_fd, heartbeat_fd, crash_fd)
+    for descriptor in descriptors:
         os.set_inheritable(descriptor, False)
-    _die_with(parent)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    keep(parent, descriptors)
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     # What is on the stack when the process crashes or is stopped tells where it was.
     faulthandler.enable(crash_fd, all_threads=False)
@@ -196,8 +196,11 @@ def _note_signals(heartbeat: Heartbeat) -> None:
 
     The parent sees only by which signal a process was ended, and not whose it was.
     """
-    itself, group = os.getpid(), os.getpgrp()
-    targets = {"os.kill": ((itself,), (-group,), (0,), (-1,)), "os.killpg": ((group,), (0,))}
+    itself, group, keeper = os.getpid(), os.getpgrp(), os.getppid()
+    targets = {
+        "os.kill": ((itself,), (keeper,), (-group,), (0,), (-1,)),
+        "os.killpg": ((group,), (0,)),
+    }
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "signal.pthread_kill" or arguments[:1] in targets.get(event, ()):
@@ -211,14 +214,3 @@ def _note_signals(heartbeat: Heartbeat) -> None:
         raise_signal(signalnum)
 
     signal.raise_signal = noted  # of all these, the one of which no hook is told
-
-
-def _die_with(parent: int) -> None:
-    """Ask Linux to end this process with its parent, however that ends."""
-    if sys.platform == "linux":
-        import ctypes
-
-        pr_set_pdeathsig = 1
-        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
-    if os.getppid() != parent:
-        sys.exit()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from functools import cache
 from importlib import resources
@@ -78,13 +79,16 @@ def _own(name: str) -> Scenario:
 
 def _warn_of_passed_goals(scenario: Scenario) -> None:
     robots = scenario.robots
-    fastest = max(map(abs, robots.speed))
+    fastest, bounds = max(map(abs, robots.speed)), "robots.speed"
+    if robots.drive == "omnidirectional":
+        fastest = math.hypot(fastest, max(map(abs, robots.lateral_speed)))
+        bounds += " and robots.lateral_speed"
     step = fastest * scenario.control_period
     if step > 2 * robots.goal_tolerance:
         warnings.warn(
             f"scenario {scenario.name!r}: a robot may pass its goal unseen, as it drives up to "
-            f"{step:g} m in a control_period of {scenario.control_period:g} s at robots.speed "
-            f"{fastest:g} m/s, more than twice robots.goal_tolerance {robots.goal_tolerance:g} m",
+            f"{step:g} m in a control_period of {scenario.control_period:g} s at {fastest:g} m/s "
+            f"({bounds}), more than twice robots.goal_tolerance {robots.goal_tolerance:g} m",
             stacklevel=3,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import islice
 from typing import Any
 
@@ -10,7 +11,7 @@ import pandas as pd
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell
 from crowdbench.evaluation.rows import not_computed
-from crowdbench.evaluation.statistics import estimates, per_episode
+from crowdbench.evaluation.statistics import estimate_all, per_episode, samples_of
 from crowdbench.scenario import Scenario, scenario_names
 
 _SHOWN_ERRORS = 20
@@ -33,12 +34,16 @@ def metric_documents() -> list[dict[str, Any]]:
     ]
 
 
-def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
+def cell_documents(
+    rows: pd.DataFrame, planned: Mapping[tuple[str, str], int] | None = None
+) -> list[tuple[Cell, dict[str, Any]]]:
     """One document per scenario and agent, scenarios in their own order.
 
     Args:
         rows: as ``load_results`` returns them.
+        planned: by scenario and agent how many episodes there should be, on seeds 0, 1, ...
     """
+    planned = planned or {}
     order = {name: number for number, name in enumerate(scenario_names())}
     groups = rows.groupby(["scenario", "agent"], sort=False).indices
     documents, samples = [], []
@@ -46,10 +51,9 @@ def cell_documents(rows: pd.DataFrame) -> list[tuple[Cell, dict[str, Any]]]:
         stored = rows.iloc[groups[key]]
         last = stored.iloc[-1]
         cell = Cell(**{name: str(last[name]) for name in Cell.__dataclass_fields__})
-        documents.append((cell, _cell_document(cell, stored)))
-        values = per_episode(stored, METRICS)
-        samples += [(metric, values[name]) for name, metric in METRICS.items()]
-    found = map(list, estimates(samples))
+        documents.append((cell, _cell_document(cell, stored, planned.get(key, 0))))
+        samples += samples_of(METRICS, per_episode(stored, METRICS))
+    found = map(list, estimate_all(samples))
     for _, document in documents:
         document["estimates"] = list(islice(found, len(METRICS)))
     return documents
@@ -77,7 +81,7 @@ def family(scenario: Scenario) -> str:
     return f"open, {'reactive' if share == 1 else 'nonreactive' if share == 0 else 'mixed'}"
 
 
-def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
+def _cell_document(cell: Cell, rows: pd.DataFrame, planned: int) -> dict[str, Any]:
     outcomes = rows["outcome"].value_counts()
     failed = rows[rows["error"] != ""].head(_SHOWN_ERRORS)
     return {
@@ -87,7 +91,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
         "code": cell.code,
         "machines": sorted(set(rows["machine"])),
         "episodes": int(rows["seed"].nunique()),
-        "missing": _missing(rows["seed"]),
+        "missing": _missing(rows["seed"], planned),
         "outcomes": [[str(name), int(count)] for name, count in outcomes.items()],
         "errors": [
             [int(seed), str(error)]
@@ -97,6 +101,7 @@ def _cell_document(cell: Cell, rows: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def _missing(seeds: pd.Series) -> int:
-    """How many seeds are missing between the first and the last."""
-    return int(seeds.max() - seeds.min() + 1 - seeds.nunique())
+def _missing(seeds: pd.Series, planned: int) -> int:
+    """How many seeds are missing of those planned, and between the first and the last."""
+    first, last = int(seeds.min()), int(seeds.max())
+    return len({*range(planned), *range(first, last + 1)} - set(seeds))

@@ -78,6 +78,7 @@ def write_report_page(
     output: Path,
     tables: Sequence[SiteTable] = (),
     figures: Sequence[SiteFigure] = (),
+    planned: Mapping[tuple[str, str], int] | None = None,
 ) -> Site:
     """Write the whole page: leaderboards, tables, figures, agents and replays.
 
@@ -85,6 +86,7 @@ def write_report_page(
         rows: the episodes, as ``published_and_local`` gives them.
         output: folder of the page; an older page there is replaced.
         tables, figures: to show beside the leaderboards.
+        planned: as ``cell_documents`` takes it.
 
     Raises:
         ResultsError: something cannot be read, or the output is in the way.
@@ -93,7 +95,7 @@ def write_report_page(
     groups = rows.groupby(["scenario", "agent"], sort=False).indices
     with _Writing(output):
         cells, scenarios = [], {}
-        for cell, document in cell_documents(rows):
+        for cell, document in cell_documents(rows, planned):
             scenario = scenario_of(cell, rows.iloc[groups[cell.scenario, cell.agent]])
             # Rows of a scenario that is defined otherwise by now are not set beside new ones.
             now = defined_scenario(cell.scenario, cell.scenario_digest, definition="")

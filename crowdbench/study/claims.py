@@ -23,16 +23,23 @@ class Finding:
     Attributes:
         difference: of the means, x - (factor y + margin), over the seeds that both ran.
         p: after Holm over the claims of the same table.
+        ran: whether there is an episode that both ran.
     """
 
     claim: Claim
     difference: Difference
     p: float
+    ran: bool
+
+    @property
+    def undefined(self) -> bool:
+        """Whether the metric is undefined in all episodes that both ran, for one of them."""
+        return self.ran and not self.difference.n
 
     @property
     def verdict(self) -> Verdict:
         """Holds or fails where the difference is significant, in or against its direction."""
-        return _verdict(self.difference, self.p, sign(self.claim.metric))
+        return _verdict(self.difference, self.p, sign(self.claim.metric), self.ran)
 
 
 @dataclass(frozen=True)
@@ -44,32 +51,28 @@ class Order:
     worse: Entry
     difference: Difference
     p: float
+    ran: bool
 
     @property
     def verdict(self) -> Verdict:
         """As of a claim."""
-        return _verdict(self.difference, self.p, sign(self.better.quantity.metric))
+        return _verdict(self.difference, self.p, sign(self.better.quantity.metric), self.ran)
 
 
 def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Finding]:
     """Test every claim by a paired permutation test, corrected after Holm over each table."""
+    sides = [((c.better, c.scenarios), (c.worse, c.scenarios)) for c in claims]
     differences = measured.differences(
-        Pair(
-            (claim.better, claim.scenarios),
-            (claim.worse, claim.scenarios),
-            claim.metric,
-            claim.factor,
-            claim.margin,
-        )
-        for claim in claims
+        Pair(*pair, claim.metric, claim.factor, claim.margin)
+        for claim, pair in zip(claims, sides, strict=True)
     )
     adjusted = np.full(len(claims), np.nan)
     for table in {claim.table for claim in claims}:
         here = [number for number, claim in enumerate(claims) if claim.table == table]
         adjusted[here] = holm([differences[number].p for number in here])
     return [
-        Finding(claim, difference, float(p))
-        for claim, difference, p in zip(claims, differences, adjusted, strict=True)
+        Finding(claim, difference, float(p), bool(difference.n) or measured.paired(*pair))
+        for claim, difference, p, pair in zip(claims, differences, adjusted, sides, strict=True)
     ]
 
 
@@ -88,10 +91,10 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
                     continue
                 if sign(one.quantity.metric) * (one.reference - other.reference) > 0:
                     pairs.append((filled.table, one, other))
-    differences = measured.differences(pair_of(one, other) for _, one, other in pairs)
+    wanted = [pair_of(one, other) for _, one, other in pairs]
     orders = [
-        Order(*pair, difference, difference.p)
-        for pair, difference in zip(pairs, differences, strict=True)
+        Order(*pair, difference, difference.p, bool(difference.n) or measured.paired(*asked[:2]))
+        for pair, asked, difference in zip(pairs, wanted, measured.differences(wanted), strict=True)
     ]
     found = []
     for filled in tables:
@@ -101,9 +104,9 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
     return found
 
 
-def _verdict(difference: Difference, p: float, better: int) -> Verdict:
-    if np.isnan(p):
+def _verdict(difference: Difference, p: float, better: int, ran: bool) -> Verdict:
+    if not ran:
         return "not yet run"
-    if p >= SIGNIFICANCE:
+    if np.isnan(p) or p >= SIGNIFICANCE:  # NaN where the metric is undefined in all of them
         return "undecided"
     return "holds" if better * difference.mean > 0 else "fails"

@@ -14,7 +14,14 @@ from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import scenario_label
 from crowdbench.evaluation.rows import not_computed
-from crowdbench.evaluation.statistics import Difference, Estimate, estimates, paired_differences
+from crowdbench.evaluation.statistics import (
+    Difference,
+    Estimate,
+    Sample,
+    defined_pairs,
+    estimate_all,
+    paired_differences,
+)
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
 
@@ -66,11 +73,11 @@ class Measurements:
         near = (episodes["robot"] == "robot_0") & (episodes["seed"] < wanted["episodes"].max())
         kept = episodes[near].merge(wanted, on=["scenario", "agent", "scenario_digest"])
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
-        added_since = {name: np.nan for name in METRICS if name not in kept}
-        self.episodes = kept.drop(columns=["episodes", "named"]).assign(**added_since)
+        kept = kept.assign(**{name: np.nan for name in METRICS if name not in kept})
+        self.episodes = kept.drop(columns=["episodes", "named"])
         cells = kept.groupby(["agent", "named"], sort=False).indices
         self._not_computed = {key: not_computed(kept.iloc[rows]) for key, rows in cells.items()}
-        values = kept.reindex(columns=["seed", *METRICS])
+        values = kept[["seed", *METRICS]]
         self._cells = {
             key: values.iloc[rows].set_index("seed").sort_index() for key, rows in cells.items()
         }
@@ -86,6 +93,15 @@ class Measurements:
         """How many episodes are stored."""
         return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
 
+    def paired(
+        self, first: tuple[str, tuple[str, ...]], second: tuple[str, tuple[str, ...]]
+    ) -> bool:
+        """Whether there is an episode that both ran; arguments as those of ``difference``."""
+        return any(
+            len(self._rows(first[0], one).index.intersection(self._rows(second[0], other).index))
+            for one, other in zip(first[1], second[1], strict=True)
+        )
+
     def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
         """How many of the stored episodes are older than a metric and were not recomputed."""
         cells = [self._not_computed.get((agent, scenario), {}) for scenario in scenarios]
@@ -99,7 +115,7 @@ class Measurements:
         """``mean`` of several."""
         wanted = list(wanted)
         new = [mean for mean in dict.fromkeys(wanted) if mean not in self._means]
-        found = estimates((METRICS[mean.metric], self._pooled(mean)) for mean in new)
+        found = estimate_all(map(self._sample, new))
         self._means.update(zip(new, found, strict=True))
         return [self._means[mean] for mean in wanted]
 
@@ -122,26 +138,31 @@ class Measurements:
         self._differences.update(zip(new, found, strict=True))
         return [self._differences[pair] for pair in wanted]
 
-    def _pooled(self, mean: Mean) -> NDArray[np.float64]:
-        """(n,) the values of all scenarios."""
-        values = [self._values(mean.agent, name, mean.metric) for name in mean.scenarios]
-        return np.concatenate(values)
+    def _sample(self, mean: Mean) -> Sample:
+        """The values of all scenarios, and what weighs them."""
+        agent, scenarios, name = mean
+        weight = METRICS[name].weight
+        weights = self._values(agent, scenarios, weight) if weight else None
+        return METRICS[name], self._values(agent, scenarios, name), weights
 
     def _paired(self, pair: Pair) -> NDArray[np.float64]:
         """(n,) the differences of all scenarios."""
-        found = [np.empty(0)]
+        columns = [pair.metric, *filter(None, [METRICS[pair.metric].weight])]
+        parts = []
         for one, other in zip(pair.first[1], pair.second[1], strict=True):
             a, b = self._rows(pair.first[0], one), self._rows(pair.second[0], other)
             shared = a.index.intersection(b.index)
             if len(shared):
-                x = a.loc[shared, pair.metric].to_numpy(dtype=float)
-                y = b.loc[shared, pair.metric].to_numpy(dtype=float)
-                found.append(x - pair.factor * y - pair.margin)
-        return np.concatenate(found)
+                parts.append((a.loc[shared, columns], b.loc[shared, columns]))
+        if not parts:
+            return np.empty(0)
+        x, y = defined_pairs(pair.metric, *(pd.concat(side) for side in zip(*parts, strict=True)))
+        return x - pair.factor * y - pair.margin
 
     def _rows(self, agent: str, scenario: str) -> pd.DataFrame:
         return self._cells.get((agent, scenario), pd.DataFrame(index=pd.Index([], name="seed")))
 
-    def _values(self, agent: str, scenario: str, metric: str) -> NDArray[np.float64]:
-        rows = self._rows(agent, scenario)
-        return rows[metric].to_numpy(dtype=float) if len(rows) else np.empty(0)
+    def _values(self, agent: str, scenarios: tuple[str, ...], metric: str) -> NDArray[np.float64]:
+        rows = [self._rows(agent, scenario) for scenario in scenarios]
+        there = [part[metric].to_numpy(dtype=float) for part in rows if len(part)]
+        return np.concatenate([np.empty(0), *there])

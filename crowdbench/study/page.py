@@ -89,13 +89,16 @@ def _findings(study: Study, findings: Sequence[Finding]) -> str:
         if here:
             cells = ("; ".join(_texts(study, here, verdict)) for verdict in columns)
             rows.append([table.number, *cells])
+    undefined = ""
+    if any(finding.undefined for finding in findings):
+        undefined = " Undefined: in no episode that both ran has the metric a value for both."
     return "\n".join(
         [
             "## What holds\n",
             f"Of {len(findings)} claims: {told} ([claims.csv](tables/claims.csv)). A claim holds "
             f"or fails if the paired difference is significant (p < {SIGNIFICANCE:g} after Holm "
             "over the claims of its table) in or against its direction. Undecided is not refuted: "
-            "the episodes do not tell.\n",
+            f"the episodes do not tell.{undefined}\n",
             *_rows(("Table", *(verdict.capitalize() for verdict in columns)), rows),
         ]
     )
@@ -108,13 +111,15 @@ def _texts(study: Study, findings: Sequence[Finding], verdict: Verdict) -> list[
     told = []
     for text in texts:
         same = [finding for finding in findings if finding.claim.text == text]
+        here = [finding for finding in same if finding.verdict == verdict]
         metrics = [
             headings.get(finding.claim.metric, finding.claim.metric)
-            for finding in same
-            if finding.verdict == verdict
+            + (": undefined" if finding.undefined else "")
+            for finding in here
         ]
         if metrics:
-            told.append(text if len(same) == 1 else f"{text} ({', '.join(metrics)})")
+            plain = len(same) == 1 and not here[0].undefined
+            told.append(text if plain else f"{text} ({', '.join(metrics)})")
     return list(map(escape_markdown, told))
 
 

@@ -70,7 +70,11 @@ class Account:
             self.write()
 
     def write(self) -> None:
-        """Replace the file; a session without an episode leaves none."""
+        """Replace the file; a session without an episode leaves none.
+
+        Raises:
+            ResultsError: it cannot be written.
+        """
         if not self._episodes:
             return
         session = Session(
@@ -82,10 +86,13 @@ class Account:
             "; ".join(self._machines),
             self._versions,
         )
-        self._path.parent.mkdir(parents=True, exist_ok=True)
         part = self._path.with_suffix(".part")
-        part.write_text(json.dumps(asdict(session), indent=2) + "\n", encoding="utf-8")
-        part.replace(self._path)
+        try:
+            self._path.parent.mkdir(exist_ok=True)  # in the results folder, unless that is gone
+            part.write_text(json.dumps(asdict(session), indent=2) + "\n", encoding="utf-8")
+            part.replace(self._path)
+        except OSError as error:
+            raise ResultsError(f"{self._path}: cannot be written ({error.strerror})") from error
         self._written = self._clock()
 
 

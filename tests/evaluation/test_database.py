@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 import sqlite3
 import tempfile
 import threading
@@ -184,3 +185,32 @@ def test_nothing_is_left_beside_the_file_once_the_writer_is_gone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
     assert load_results(tmp_path / "nowhere").empty
     assert not (tmp_path / "nowhere").exists(), "reading makes no folder"
+
+
+@pytest.mark.parametrize("what", ["folder removed", "folder moved", "file removed", "replaced"])
+def test_what_is_written_to_a_file_that_is_gone_is_not_taken_for_stored(store, tmp_path, what):
+    store.append(CELL, [row(10)])
+    aside = tmp_path.with_name(f"{tmp_path.name}-aside")
+    if what == "folder removed":
+        shutil.rmtree(tmp_path)
+    elif what == "file removed":
+        store.path.unlink()
+    else:
+        tmp_path.rename(aside)
+    if what == "replaced":
+        ResultsStore(tmp_path).append(CELL, [row(0)])
+    told = refused(store.append, CELL, [row(11)])
+    assert re.search(r"results.sqlite: was removed, moved or replaced while it was in use", told)
+    assert len(load_results(tmp_path)) == (what == "replaced")
+    assert not aside.exists() or set(load_results(aside)["seed"]) >= set(range(11))
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_file_that_is_none_is_told_of(tmp_path, make):
+    make(tmp_path / FILE)
+    store = ResultsStore(tmp_path)
+    for action in (
+        lambda: store.append(CELL, [row(0)]), lambda: store.stored(CELL),
+        lambda: load_results(tmp_path), lambda: require_writable(tmp_path),
+    ):  # fmt: skip
+        assert refused(action).startswith(f"{tmp_path / FILE}: not a file (a folder, pipe or dev")

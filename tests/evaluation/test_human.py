@@ -11,6 +11,7 @@ from crowdbench.evaluation import human
 from crowdbench.evaluation.results import ResultsError, load_results
 from crowdbench.evaluation.stored import find_cells, load_episodes
 from crowdbench.scenario import load_scenario
+from crowdbench.simulation.env import CrowdEnv
 
 SCENARIO = load_scenario(
     "multimodal_fast", time_limit=1.0, control_period=0.05, pedestrians={"count": 0}
@@ -22,16 +23,14 @@ def press(monkeypatch):
     """Press keys as soon as the window shows its first picture."""
 
     def press(*events):
-        show = human.Window.show
+        waits = human.Window.wait_for_a_key
 
-        def shown(self, picture):
-            first = self._surface is None
-            show(self, picture)
-            if first:
-                for kind, key in events:
-                    pygame.event.post(pygame.event.Event(kind, {"key": key} if key else {}))
+        def shown(self):
+            for kind, key in events:
+                pygame.event.post(pygame.event.Event(kind, {"key": key} if key else {}))
+            waits(self)
 
-        monkeypatch.setattr(human.Window, "show", shown)
+        monkeypatch.setattr(human.Window, "wait_for_a_key", shown)
 
     return press
 
@@ -80,13 +79,48 @@ def test_a_key_that_is_let_go_steers_no_more(press):
     assert set(episode.actions[:, 1]) == {1.5}
 
 
-@pytest.mark.parametrize("event", [(pygame.KEYDOWN, pygame.K_ESCAPE), (pygame.QUIT, None)])
+@pytest.mark.parametrize(
+    "event",
+    [(pygame.KEYDOWN, pygame.K_ESCAPE), (pygame.QUIT, None), (pygame.WINDOWCLOSE, None)],
+)
 @pytest.mark.parametrize("before", [[], [(pygame.KEYDOWN, pygame.K_UP)]])
 def test_escape_and_the_windows_cross_end_it(press, event, before):
     press(*before, event)
     with pytest.raises(human.QuitError):
         human.drive(SCENARIO, seed=900000)
     assert not pygame.display.get_init(), "the window is closed"
+
+
+def test_a_drive_leaves_the_windows_of_environments_open(press):
+    env = CrowdEnv(SCENARIO, render_mode="human")
+    env.reset(seed=0)
+    env.render()
+    press((pygame.KEYDOWN, pygame.K_UP))
+    human.drive(SCENARIO, seed=900000)
+    assert pygame.display.get_init()
+    env.render()
+    env.close()
+    assert not pygame.display.get_init()
+
+
+def test_one_person_drives_at_a_time():
+    window = human.Window("first", (40, 30), human.Driver())
+    with pytest.raises(human.NoDisplayError, match="drives in this process already"):
+        human.drive(SCENARIO, seed=900000)
+    window.show(pygame.Surface((40, 30)))  # the first goes on
+    window.close()
+    human.Window("next", (40, 30), human.Driver()).close()
+
+
+def test_a_window_that_was_closed_ends_the_drive():
+    window = human.Window("closed", (40, 30), human.Driver())
+    window.close()
+    for action in (
+        lambda: window.show(pygame.Surface((40, 30))), window.wait_for_a_key,
+    ):  # fmt: skip
+        with pytest.raises(human.QuitError):
+            action()
+    window.close()
 
 
 def test_without_a_display_it_says_so(monkeypatch):

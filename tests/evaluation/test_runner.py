@@ -233,6 +233,12 @@ def test_a_row_names_what_its_episode_depends_on(tmp_path, planner):
         assert row[library] == version(library)
 
 
+@pytest.mark.parametrize(("cores", "told"), [(1, ", 1 core, 1 thread"), (2, ", 2 cores, 1 thread")])
+def test_a_machine_is_named_with_its_cores(monkeypatch, cores, told):
+    monkeypatch.setattr("crowdbench.evaluation.machine.core_count", lambda: cores)
+    assert told in machine_name()
+
+
 CHEATS = """
 import crowdbench.evaluation.driven as driven
 import crowdbench.evaluation.metrics as measured

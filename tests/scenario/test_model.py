@@ -154,6 +154,9 @@ def test_many_mistakes_are_counted_not_listed():
     assert len(str(caught.value)) < 1500
 
 
+OMNIDIRECTIONAL = {"robots.drive": "omnidirectional"}
+
+
 @pytest.mark.parametrize(
     ("changes", "warned"),
     [
@@ -163,6 +166,10 @@ def test_many_mistakes_are_counted_not_listed():
         ({"control_period": 0.59}, False),
         ({"control_period": 0.61}, True),
         ({"robots.goal_tolerance": 0.09}, True),
+        ({"robots.lateral_speed": [-3, 3]}, False),
+        # 2.5 and 1.66 m/s make 3.001 m/s together, 0.6002 m in 0.2 s.
+        (OMNIDIRECTIONAL | {"robots.speed": [0, 2.5], "robots.lateral_speed": [-1.66, 1]}, True),
+        (OMNIDIRECTIONAL | {"robots.speed": [0, 2.5], "robots.lateral_speed": [-1.65, 1]}, False),
     ],
 )
 def test_a_goal_that_can_be_passed_between_two_steps_is_warned_of(changes, warned):

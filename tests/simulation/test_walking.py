@@ -143,7 +143,6 @@ class Undefined(Witness):
     [
         (TooFew, r"model 'test': expected finite velocities of shape \(6, 2\), got shape \(2, 2\)"),
         (Undefined, r"velocities of shape \(6, 2\), got numbers that are not finite"),
-        (int, "pedestrians.model: 'test' is not a subclass of crowdbench.WalkingModel"),
     ],
 )
 def test_a_model_that_cannot_be_used_is_refused_with_the_reason(register, kind, told):

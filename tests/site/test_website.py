@@ -80,6 +80,17 @@ def test_a_cell_without_a_seed_in_between_is_incomplete(episodes, tmp_path):
     }
 
 
+def test_a_cell_without_seeds_that_were_planned_is_incomplete(episodes, tmp_path):
+    episodes.add("orca", success=[1, 1], first=1)
+    episodes.add("neupan", success=[1, 1, 1])
+    episodes.add("straight_line", success=[1, 0])
+    planned = {("unimodal_slow", "orca"): 5, ("unimodal_slow", "neupan"): 2}
+    write_report_page(local_rows(episodes.folder), tmp_path / "site", planned=planned)
+    cells = {cell["agent"]: cell for cell in index(tmp_path / "site")["cells"]}
+    missing = {name: cell["missing"] for name, cell in cells.items()}
+    assert missing == {"orca": 3, "neupan": 0, "straight_line": 0}
+
+
 def test_robots_of_one_episode_are_one_observation(episodes, tmp_path):
     episodes.add("orca", success=[1, 1], robot="robot_0")
     episodes.add("orca", success=[0, 1], robot="robot_1")

@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from crowdbench_studies.paper import STUDY
@@ -106,6 +107,20 @@ def test_few_episodes_leave_a_claim_undecided(episodes):
     episodes.add("orca", spl=[0.9, 0.8, 0.9])
     episodes.add("straight_line", spl=[0.1, 0.2, 0.1])
     assert check_claims(episodes.measured(), [claim()])[0].verdict == "undecided"
+
+
+def test_where_its_metric_is_undefined_a_claim_is_undecided_and_the_page_says_why(episodes):
+    nothing = [float("nan")] * 3
+    episodes.add("orca", spl=[0.9, 0.8, 0.9], min_dist=nothing)
+    episodes.add("straight_line", spl=[0.1, 0.2, 0.1], min_dist=nothing)
+    measured = episodes.measured()
+    claims = (claim(text="A keeps away", metric="min_dist"), claim(worse="sac"))
+    findings = check_claims(measured, claims)
+    assert [finding.verdict for finding in findings] == ["undecided", "not yet run"]
+    text = write_page(replace(STUDY, claims=claims), [], findings, [], measured, {}, [])
+    line = next(line for line in text.splitlines() if line.startswith("| I |"))
+    assert line == "| I |  |  | A keeps away (MinDist \\[m\\]: undefined) | A above B |"
+    assert "Undefined: in no episode that both ran has the metric a value for both." in text
 
 
 def test_orders_follow_the_paper_and_equal_values_are_none(many):

@@ -1,7 +1,6 @@
 """SAC's training: it learns what its expert does, stops and goes on."""
 
 import contextlib
-import json
 import signal
 
 import numpy as np
@@ -17,7 +16,7 @@ from crowdbench_agents.sac.training import KIND, train
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = KindRun(KIND, folder / "run", config, seed=0, social=True)
+    run = KindRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
@@ -47,8 +46,8 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = KindRun(KIND, folder / "run", config, seed=0, social=True)
-    run.begin(print)
+    run = KindRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
     assert run.steps == run.decisions == 4 * steps
@@ -70,8 +69,8 @@ def test_without_labelled_environments_nothing_is_labelled(in_empty_folder, tiny
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
-    folder = train("short", steps=100, overrides=overrides)
-    train("short", steps=160, resume=True, overrides=overrides)
+    folder = train("short", steps=100, overrides=overrides, actors=0)
+    train("short", steps=160, resume=True, overrides=overrides, actors=0)
     lines = (in_empty_folder / "results/training/short.csv").read_text().splitlines()
     steps = [int(line.split(",")[0]) for line in lines[1:]]
     updates = [int(line.split(",")[2]) for line in lines[1:]]
@@ -96,7 +95,7 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     monkeypatch.setattr(Learner, "update", interrupted)
     changes = overrides | {"training.pretraining": pretraining}
     folder = train("short", steps=10_000, overrides=changes)
-    counters = json.loads(load_checkpoint(folder, FORMAT)["counters"])
+    counters = load_checkpoint(folder, FORMAT)["counters"]
     assert counters["updates"] == 1
     assert counters["steps"] < 100
 
