@@ -51,9 +51,10 @@ def transitions(batch: Batch, discount: float) -> Transitions:
 
     At the time limit a transition is shorter and its value goes on: nothing has ended.
     """
-    powers = discount ** torch.arange(len(batch.reward))[:, None]
+    device = batch.reward.device
+    powers = discount ** torch.arange(len(batch.reward), device=device)[:, None]
     length = batch.valid.sum(dim=0).long()
-    columns = torch.arange(len(length))
+    columns = torch.arange(len(length), device=device)
     ended = (batch.end * batch.valid).amax(dim=0)
     return Transitions(
         inputs=Inputs(*(x[0] for x in batch.inputs)),
@@ -77,14 +78,14 @@ class Learner(kind.Learner):
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
-        self.config, self.horizon = config, config.loss.n_step
+        self.config, self.horizon, self._device = config, config.loss.n_step, device
         self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
-        self.actor = make_policy(config)
-        self.critic = Critic(config.perception.cells, config.model)
+        self.actor = make_policy(config).to(device)
+        self.critic = Critic(config.perception.cells, config.model).to(device)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         entropy = max(config.loss.entropy, 1e-8)
-        self.log_alpha = torch.tensor(math.log(entropy), requires_grad=True)
+        self.log_alpha = torch.tensor(math.log(entropy), device=device, requires_grad=True)
         wanted = config.loss.entropy_target
         self._wanted_entropy = -float(ACTION) if wanted is None else wanted
         self.updates = 0
@@ -120,8 +121,9 @@ class Learner(kind.Learner):
         self._set_learning_rates()
         config, alpha = self.config, self.log_alpha.detach().exp()
         batch = batch._replace(reward=batch.reward * config.training.reward_scale)
+        batch = batch.to(self._device)
         seen, taken, returns, discount, later = transitions(batch, config.loss.discount)
-        noise = torch.randn(2, *taken.shape, generator=self.generator)
+        noise = torch.randn(2, *taken.shape, generator=self.generator).to(self._device)
         actor = self.actor
         action, log_prob = actor.sample(self._features(actor, seen), noise[0])
 
@@ -179,7 +181,8 @@ class Learner(kind.Learner):
 
         @torch.no_grad()
         def act(given: PolicyInput) -> NDArray[np.float32]:
-            return self.actor(Inputs(*map(torch.from_numpy, given.sensed))).numpy()
+            inputs = Inputs(*(torch.from_numpy(x).to(self._device) for x in given.sensed))
+            return self.actor(inputs).cpu().numpy()
 
         return act
 

@@ -29,7 +29,7 @@ def encode(encoder: Encoder, inputs: Inputs, bfloat16: bool) -> Tensor:
         inputs: observations.
         bfloat16: whether it is asked for, see ``training_precision``.
     """
-    with training_precision(bfloat16):
+    with training_precision(bfloat16, inputs.goal.device.type):
         z = encoder(inputs).float()
     return layer_norm(z, z.shape[-1:])
 
