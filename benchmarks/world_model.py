@@ -28,10 +28,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from crowdbench_agents.geometry.footprint import advance, point_gap
-from crowdbench_agents.latent_planner.losses import model_loss
+from crowdbench_agents.latent_planner.losses import encode_targets, model_loss
 from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel, load_world_model
 from crowdbench_agents.learning.batch import Batch
-from crowdbench_agents.learning.config import Config, load_config
+from crowdbench_agents.learning.config import Config, Loss, load_config
 from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.noise import CorrelatedNoise
@@ -220,10 +220,18 @@ def retrain(model: WorldModel, train: Replay, config: Config, updates: int, size
     rng = np.random.default_rng(1)
     for _ in range(updates):
         batch = draw(train, config, size, rng)
-        loss = model_loss(model, model, batch, ends, torch.zeros_like(batch.action)).total
+        loss = whole_loss(model, model, batch, ends, torch.zeros_like(batch.action))
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
+
+
+def whole_loss(
+    model: WorldModel, target: WorldModel, batch: Batch, loss: Loss, noise: torch.Tensor
+) -> torch.Tensor:
+    """The world model's loss, encoding included."""
+    z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
+    return model_loss(model, z, encode_targets(target, batch, loss, noise), batch, loss).total
 
 
 def main() -> None:
@@ -304,7 +312,7 @@ def learn(
         with bf16:
             if isinstance(model, WorldModel):
                 noise = torch.randn_like(batch.action)
-                loss = model_loss(model, target, batch, config.loss, noise).total
+                loss = whole_loss(model, target, batch, config.loss, noise)
             else:
                 logit = model(first_of(batch), batch.action)
                 loss = binary_cross_entropy_with_logits(logit, collides(batch))

@@ -44,9 +44,22 @@ def test_train_hands_over_to_the_agents_trainer(monkeypatch, capsys):
         "overrides": {"training.batch": 8},
     }
     assert main(["train", "fake", "--resume", "--steps", "100"]) == 0
-    assert "social" not in trainers.asked, "the trainer's own default"
+    own = {"social", "device", "actors"}
+    assert own.isdisjoint(trainers.asked), "the trainer's own defaults"
     assert (trainers.asked["resume"], trainers.asked["steps"]) == (True, 100)
     assert "runs/fake" in capsys.readouterr().out
+
+
+def test_device_and_actors_are_asked_of_trainers_that_know_them(monkeypatch, capsys):
+    trainers = Trainers()
+    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
+    options = ["--device", "cpu", "--actors", "3"]
+    assert main(["train", "fake", *options]) == 0
+    assert (trainers.asked["device"], trainers.asked["actors"]) == ("cpu", 3)
+    capsys.readouterr()
+    monkeypatch.setattr(trainers, "train", lambda name, minutes, steps, resume, seed: None)
+    assert main(["train", "fake", *options]) == 2
+    assert capsys.readouterr().err == "fake: --device is nothing that its trainer takes\n"
 
 
 def test_what_a_trainer_says_is_for_the_user_and_bugs_are_not_hidden(monkeypatch, capsys):

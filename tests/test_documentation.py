@@ -18,6 +18,7 @@ PAGES = [
     "docs/add_an_agent.md",
     "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
+    "docs/stable_baselines3.md",
     "docs/onnx.md",
     "docs/minari.md",
     "docs/write_a_scenario.md",
@@ -27,6 +28,9 @@ PAGES = [
     "docs/pedestrians_as_agents.md",
     "docs/reproduce_the_tables.md",
     "docs/write_a_study.md",
+    "docs/clusters.md",
+    pytest.param("docs/benchmarl.md", marks=pytest.mark.slow),
+    pytest.param("docs/rllib.md", marks=pytest.mark.slow),
 ]
 
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.losses import model_loss, policy_loss
-from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.latent_planner.losses import (
+    ModelLoss,
+    encode_targets,
+    model_loss,
+    policy_loss,
+)
+from crowdbench_agents.latent_planner.world_model import WorldModel, make_world_model, squash
 from crowdbench_agents.learning import kind
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
@@ -41,39 +46,56 @@ class Learner(kind.Learner):
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
-        self.config = config
+        self.config, self.device = config, device
         self.count, self.horizon = config.training.batch, config.planner.horizon
         self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
-        self.model = WorldModel(config.model, config.perception.cells)
+        self.model = make_world_model(config).to(device)
         self.target = copy.deepcopy(self.model).requires_grad_(False)
-        self.q_scale = 1.0
+        self._q_scale = torch.ones((), device=device)
+        self._quantiles = torch.tensor([0.05, 0.95], device=device)
         self.updates = 0
         entropy = max(config.loss.entropy, 1e-8)
-        self.log_alpha = torch.tensor(math.log(entropy), requires_grad=True)
+        self.log_alpha = torch.tensor(math.log(entropy), device=device, requires_grad=True)
+        self._parameters = {
+            "encoder": list(self.model.encoder.parameters()),
+            "rollout": [
+                *self.model.dynamics.parameters(), *self.model.outcome.parameters(),
+                *self.model.q_networks.parameters(),
+            ],
+            "policy": list(self.model.policy_network.parameters()),
+        }  # fmt: skip
         rates = config.training
         slow = [*self.model.encoder.parameters(), *self.model.dynamics.parameters()]
         fast = [*self.model.outcome.parameters(), *self.model.q_networks.parameters()]
-        self._model_parameters = [*slow, *fast]
-        self._policy_parameters = list(self.model.policy_network.parameters())
         groups: list[dict[str, Any]] = [
             {"params": slow, "lr": rates.learning_rate_model},
             {"params": fast},
         ]
+        policy = self._parameters["policy"]
         self._optimizers = {
             "model": torch.optim.Adam(groups, lr=rates.learning_rate, fused=True),
-            "policy": torch.optim.Adam(self._policy_parameters, lr=rates.learning_rate, fused=True),
+            "policy": torch.optim.Adam(policy, lr=rates.learning_rate, fused=True),
             "alpha": torch.optim.Adam([self.log_alpha], lr=rates.learning_rate),
         }
         self._rates = {
             name: [group["lr"] for group in optimizer.param_groups]
             for name, optimizer in self._optimizers.items()
         }
+        self._model_loss, self._policy_loss = model_loss, policy_loss
+        if device.type != "cpu":  # on a CPU compiling takes minutes and saves little
+            self._model_loss = torch.compile(model_loss, dynamic=False)
+            self._policy_loss = torch.compile(policy_loss, dynamic=False)
 
     @property
     def network(self) -> WorldModel:
         """The world model."""
         return self.model
+
+    @property
+    def q_scale(self) -> float:
+        """What Q is divided by in the policy's loss."""
+        return float(self._q_scale)
 
     @property
     def alpha(self) -> float:
@@ -89,34 +111,56 @@ class Learner(kind.Learner):
         Returns:
             The losses' terms, for the log.
         """
-        loss = self.config.loss
-        expert_weight = self.config.expert_weight(self.updates)
+        loss, watch, model = self.config.loss, self.watch, self.model
         self._set_learning_rates()
+        expert_weight = torch.tensor(
+            self.config.expert_weight(self.updates), dtype=torch.float32, device=self.device
+        )
         batch = batch._replace(reward=batch.reward * self.config.training.reward_scale)
-        with self.precision():
-            result = model_loss(
-                self.model, self.target, batch, loss, self._noise(batch.action.shape),
-                expert_weight,
-            )  # fmt: skip
+        batch = batch.to(self.device)
+        shape = batch.action.shape
+        with watch("encoder"), self.precision():
+            targets = encode_targets(self.target, batch, loss, self._noise(shape))
+            z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
+        start = z.detach().requires_grad_()
+        with watch("rollout"):
+            with self.precision():
+                result = self._model_loss(model, start, targets, batch, loss, expert_weight)
+            # The policy's part of the graph is needed once more, for its own loss.
+            at_start, *gradients = torch.autograd.grad(
+                result.total, [start, *self._parameters["rollout"]], retain_graph=True
+            )
+        with watch("encoder"):
+            gradients = [
+                *torch.autograd.grad(z, self._parameters["encoder"], at_start), *gradients
+            ]  # fmt: skip
         terms = dict(result.terms)
-        terms["model_gradient"] = self._step("model", result.total, self._model_parameters)
-
-        self._train_only_policy(True)
-        with self.precision():
-            actor = policy_loss(
-                self.model, result.latents, batch, loss, self.alpha, self.q_scale,
-                self._noise(batch.action.shape), expert_weight,
-            )  # fmt: skip
-        terms |= actor.terms
-        terms["policy_gradient"] = self._step("policy", actor.total, self._policy_parameters)
-        self._train_only_policy(False)
-        self._update_scale(actor.values)
-        if loss.entropy_target is not None:
-            excess = actor.terms["entropy"] - loss.entropy_target
-            self._step("alpha", self.log_alpha * excess, [self.log_alpha])
-        self._update_target()
+        with watch("rollout"):
+            trained = [*self._parameters["encoder"], *self._parameters["rollout"]]
+            terms["model_gradient"] = self._step("model", trained, gradients)
+        with watch("policy"):
+            terms |= self._update_policy(result, batch, expert_weight)
+            self._update_target()
         self.updates += 1
         return terms
+
+    def _update_policy(
+        self, result: ModelLoss, batch: Batch, expert_weight: Tensor
+    ) -> dict[str, Tensor]:
+        loss, alpha = self.config.loss, self.log_alpha.detach().exp()
+        with self.precision():
+            drawn = squash(*result.policy, self._noise(batch.action.shape))
+            actor = self._policy_loss(
+                self.model, result.states, drawn, batch, loss, alpha, self._q_scale, expert_weight
+            )
+        policy = self._parameters["policy"]
+        norm = self._step("policy", policy, torch.autograd.grad(actor.total, policy))
+        low, high = torch.quantile(actor.values.flatten(), self._quantiles)
+        self._q_scale += _SCALE_RATE * ((high - low).clamp(min=1.0) - self._q_scale)
+        if loss.entropy_target is not None:
+            excess = actor.terms["entropy"] - loss.entropy_target
+            self._step("alpha", [self.log_alpha], [excess])  # the slope of log_alpha x excess
+        return actor.terms | {"policy_gradient": norm}
 
     def check(self, terms: Mapping[str, float]) -> None:
         """Stop a training that has died.
@@ -146,7 +190,7 @@ class Learner(kind.Learner):
 
     def policy(self) -> Act:
         """Act by the present policy, without noise."""
-        act = policy_act(self.model)
+        act = policy_act(self.model, self.device)
 
         def in_precision(given: PolicyInput) -> NDArray[np.float32]:
             with self.precision():
@@ -160,7 +204,7 @@ class Learner(kind.Learner):
 
     def precision(self) -> torch.autocast:
         """The context in which networks are evaluated in training."""
-        return training_precision(self.config.training.bfloat16)
+        return training_precision(self.config.training.bfloat16, self.device.type)
 
     def state(self) -> dict[str, Any]:
         """Everything needed to continue, as tensors and numbers."""
@@ -169,7 +213,7 @@ class Learner(kind.Learner):
             "target": self.target.state_dict(),
             "optimizers": {name: o.state_dict() for name, o in self._optimizers.items()},
             "log_alpha": self.log_alpha.detach().clone(),
-            "q_scale": self.q_scale,
+            "q_scale": self._q_scale,
             "updates": self.updates,
             "generator": self.generator.get_state(),
         }
@@ -182,7 +226,8 @@ class Learner(kind.Learner):
             optimizer.load_state_dict(state["optimizers"][name])
         with torch.no_grad():
             self.log_alpha.copy_(state["log_alpha"])
-        self.q_scale, self.updates = state["q_scale"], state["updates"]
+            self._q_scale.copy_(state["q_scale"])
+        self.updates = state["updates"]
         self.generator.set_state(state["generator"])
 
     def _set_learning_rates(self) -> None:
@@ -192,24 +237,14 @@ class Learner(kind.Learner):
                 group["lr"] = rate * factor
 
     def _noise(self, shape: torch.Size) -> Tensor:
-        return torch.randn(shape, generator=self.generator)
+        return torch.randn(shape, generator=self.generator).to(self.device)
 
-    def _step(self, name: str, loss: Tensor, parameters: list[Any]) -> Tensor:
-        optimizer = self._optimizers[name]
-        optimizer.zero_grad()
-        loss.backward()
+    def _step(self, name: str, parameters: Sequence[Tensor], gradients: Sequence[Tensor]) -> Tensor:
+        for parameter, gradient in zip(parameters, gradients, strict=True):
+            parameter.grad = gradient
         norm = torch.nn.utils.clip_grad_norm_(parameters, self.config.training.gradient_clip)
-        optimizer.step()
+        self._optimizers[name].step()
         return norm
-
-    def _train_only_policy(self, only: bool) -> None:
-        """Spare the gradients of Q's parameters while its value is what the policy follows."""
-        self.model.q_networks.requires_grad_(not only)
-
-    def _update_scale(self, values: Tensor) -> None:
-        low, high = torch.quantile(values.flatten(), torch.tensor([0.05, 0.95]))
-        spread = max(float(high - low), 1.0)
-        self.q_scale += _SCALE_RATE * (spread - self.q_scale)
 
     @torch.no_grad()
     def _update_target(self) -> None:
@@ -219,11 +254,12 @@ class Learner(kind.Learner):
         torch._foreach_lerp_(slow, fast, rate)
 
 
-def policy_act(model: WorldModel) -> Act:
+def policy_act(model: WorldModel, device: torch.device = CPU) -> Act:
     """Act by a world model's policy alone, without noise."""
 
     @torch.no_grad()
     def act(given: PolicyInput) -> NDArray[np.float32]:
-        return model.act(model.encode(Inputs(*map(torch.from_numpy, given.sensed)))).numpy()
+        inputs = Inputs(*(torch.from_numpy(x).to(device) for x in given.sensed))
+        return model.act(model.encode(inputs)).cpu().numpy()
 
     return act

@@ -13,66 +13,94 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 
+class Targets(NamedTuple):
+    """What the slow networks make of later observations.
+
+    Attributes:
+        z: (K, B, latent) of the ``target_steps``.
+        returns: (H, B) targets of Q.
+        known: (H, B) 1 where there is one.
+    """
+
+    z: Tensor
+    returns: Tensor
+    known: Tensor
+
+
 class ModelLoss(NamedTuple):
     """What the world model's loss was made of.
 
     Attributes:
         total: the weighted sum to be minimised.
         terms: each term before weighting, and the spread of the latent state.
-        latents: (H, B, latent) the rollout z_0 .. z_{H-1}, without gradient.
+        states: (H, B, latent) the rollout z_0 .. z_{H-1}, without gradient.
+        policy: mean and log standard deviation of the policy in these, (H, B, 2) each, with
+            gradient.
     """
 
     total: Tensor
     terms: dict[str, Tensor]
-    latents: Tensor
+    states: Tensor
+    policy: tuple[Tensor, Tensor]
 
 
-def model_loss(
-    model: WorldModel,
-    target: WorldModel,
-    batch: Batch,
-    loss: Loss,
-    noise: Tensor,
-    expert_weight: float = 0.0,
-) -> ModelLoss:
-    """J of the paper: reward, value and consistency losses along a latent rollout, and the end.
+@torch.no_grad()
+def encode_targets(target: WorldModel, batch: Batch, loss: Loss, noise: Tensor) -> Targets:
+    """Encode later observations, and what they are worth.
 
     Observations are encoded, for value targets and consistency, only every ``loss.n_step`` steps:
     encoding is most of the work.
 
     Args:
-        model: whose parameters are trained.
         target: theta^-, the slow copy.
         batch: B sequences of H steps.
         loss: weights.
         noise: (H, B, 2) standard normal, for the target policy.
+    """
+    ahead = target_steps(len(batch.action), loss.n_step)
+    z = target.encode(Inputs(*(x[ahead] for x in batch.inputs)))
+    action, _ = target.sample(z, noise[: len(ahead)])
+    q = target.q(z, action).float()
+    value = q.amin(dim=0) if loss.twin_minimum else q[0]
+    return Targets(z, *value_targets(batch, value, loss.discount, loss.n_step))
+
+
+def model_loss(
+    model: WorldModel,
+    z: Tensor,
+    targets: Targets,
+    batch: Batch,
+    loss: Loss,
+    expert_weight: float | Tensor = 0.0,
+) -> ModelLoss:
+    """J of the paper: reward, value and consistency losses along a latent rollout, and the end.
+
+    Args:
+        model: whose parameters are trained.
+        z: (B, latent) the encoded first observations.
+        targets: of the later ones.
+        batch: B sequences of H steps.
+        loss: weights.
         expert_weight: present weight of the imitation of the expert.
     """
     horizon = len(batch.action)
     ahead = target_steps(horizon, loss.n_step)
-    with torch.no_grad():
-        later_z = target.encode(Inputs(*(x[ahead] for x in batch.inputs)))
-        later_action, _ = target.sample(later_z, noise[: len(ahead)])
-        later_q = target.q(later_z, later_action).float()
-        later_value = later_q.amin(dim=0) if loss.twin_minimum else later_q[0]
-        returns, known = value_targets(batch, later_value, loss.discount, loss.n_step)
-
-    z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
     latents = [z]
     for t in range(horizon):
         z = model.next(z, batch.action[t]).float()
         latents.append(z)
     states = torch.stack(latents[:-1])
-    inconsistency = (torch.stack([latents[t] for t in ahead]) - later_z).square().mean(dim=-1)
+    inconsistency = (torch.stack([latents[t] for t in ahead]) - targets.z).square().mean(dim=-1)
 
     reward, end = model.reward_and_end(states, batch.action)
     q = model.q(states, batch.action).float()
-    decay = loss.horizon_decay ** torch.arange(horizon)[:, None]
+    decay = _decay(loss, batch.valid)
     weight = _shares(batch.valid * decay)
     last = [t - 1 for t in ahead]
+    value = (q - targets.returns).square().sum(dim=0)
     terms = {
         "reward": ((reward.float() - batch.reward).square() * weight).sum(),
-        "value": ((q - returns).square().sum(dim=0) * _shares(known * decay)).sum(),
+        "value": (value * _shares(targets.known * decay)).sum(),
         "consistency": (inconsistency * _shares((batch.valid * decay)[last])).sum(),
         "termination": (
             binary_cross_entropy_with_logits(end.float(), batch.end, reduction="none") * weight
@@ -80,14 +108,15 @@ def model_loss(
     }
     total = sum(getattr(loss, name) * term for name, term in terms.items())
     assert isinstance(total, Tensor)
+    policy = model.policy(states)
     if loss.imitation_shaping > 0:
-        error = (model.act(states) - batch.reference).square().sum(dim=-1)
+        error = (torch.tanh(policy[0]) - batch.reference).square().sum(dim=-1)
         wanted = loss.imitation * batch.planned + expert_weight * batch.labelled
         total = total + loss.imitation_shaping * (error * wanted * weight).sum()
     first = latents[0].detach()
     terms["latent_spread"] = first.std(dim=0).mean()
-    terms["value_mean"] = (returns * weight).sum()
-    return ModelLoss(total, {k: v.detach() for k, v in terms.items()}, states.detach())
+    terms["value_mean"] = (targets.returns * weight).sum()
+    return ModelLoss(total, {k: v.detach() for k, v in terms.items()}, states.detach(), policy)
 
 
 def target_steps(horizon: int, n_step: int) -> list[int]:
@@ -145,35 +174,34 @@ class PolicyLoss(NamedTuple):
 
 def policy_loss(
     model: WorldModel,
-    latents: Tensor,
+    states: Tensor,
+    drawn: tuple[Tensor, Tensor],
     batch: Batch,
     loss: Loss,
-    alpha: float,
-    q_scale: float,
-    noise: Tensor,
-    expert_weight: float = 0.0,
+    alpha: float | Tensor,
+    q_scale: float | Tensor,
+    expert_weight: float | Tensor = 0.0,
 ) -> PolicyLoss:
     """L_pi of the paper: sum of rho^t [alpha log pi - Q / scale + lambda |a - a_mppi|^2].
 
     Expert labels are imitated like MPPI's plans, with a weight of its own.
 
     Args:
-        model: of which only the policy is trained here.
-        latents: (H, B, latent) states, without gradient.
+        model: whose Q is followed.
+        states: (H, B, latent), without gradient.
+        drawn: the policy's actions (H, B, 2) in these and their log pi (H, B).
         batch: the sequences they came from.
         loss: weights.
         alpha: entropy coefficient.
         q_scale: divides Q, so that the weights mean the same at each stage of training.
-        noise: (H, B, 2) standard normal.
         expert_weight: present weight of the imitation of the expert.
     """
-    action, log_prob = model.sample(latents, noise)
-    values = model.q(latents, action).float()
+    action, log_prob = drawn
+    values = model.q(states, action).float()
     value = values.amin(dim=0) if loss.twin_minimum else values.mean(dim=0)
     error = (action - batch.reference).square().sum(dim=-1)
     wanted = loss.imitation * batch.planned + expert_weight * batch.labelled
-    decay = loss.horizon_decay ** torch.arange(len(latents))[:, None]
-    weight = _shares(batch.valid * decay)
+    weight = _shares(batch.valid * _decay(loss, batch.valid))
     each = alpha * log_prob - value / q_scale + wanted * error
     terms = {
         "entropy": (-log_prob * weight).sum().detach(),
@@ -182,6 +210,11 @@ def policy_loss(
         "expert": _mean(error, batch.labelled * weight),
     }
     return PolicyLoss((each * weight).sum(), terms, value.detach())
+
+
+def _decay(loss: Loss, like: Tensor) -> Tensor:
+    """(H, 1) lambda^t."""
+    return loss.horizon_decay ** torch.arange(len(like), device=like.device)[:, None]
 
 
 def _mean(error: Tensor, weight: Tensor) -> Tensor:

@@ -24,15 +24,18 @@ def train(
     seed: int = 0,
     social: bool = True,
     overrides: Mapping[str, Any] | None = None,
+    device: str = "auto",
+    actors: int | None = None,
 ) -> Path:
     """Train a latent planner; see ``learning.training.train``.
 
     Args:
-        name, minutes, steps, resume, seed, social: as there.
+        name, minutes, steps, resume, seed, social, device, actors: as there.
         overrides: fields of the shipped configuration, e.g. ``{"training.batch": 64}``.
     """
     config = load_config().override(overrides or {})
     return training.train(
         KIND, name, config,
         minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
+        device=device, actors=actors,
     )  # fmt: skip

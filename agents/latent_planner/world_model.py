@@ -46,7 +46,7 @@ class Mlp(nn.Sequential):
             x = layer(x)
         if not self._float32_output:
             return last(x)
-        with torch.autocast("cpu", enabled=False):
+        with torch.autocast(x.device.type, enabled=False):
             return last(x.float())
 
     def start_at_zero(self) -> Mlp:
@@ -127,12 +127,16 @@ class WorldModel(nn.Module):
         Returns:
             The action (..., 2) and log pi(a given z) (...,), the tanh included.
         """
-        mean, log_std = self.policy(z)
-        before = mean + log_std.exp() * noise
-        log_prob = -0.5 * noise.square() - log_std - 0.5 * math.log(2 * math.pi)
-        # log(1 - tanh(x)^2) written so that it neither overflows nor cancels
-        log_slope = 2 * (math.log(2) - before - softplus(-2 * before))
-        return torch.tanh(before), (log_prob - log_slope).sum(dim=-1)
+        return squash(*self.policy(z), noise)
+
+
+def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """a = tanh(mean + std * noise) and log pi(a given z), see ``WorldModel.sample``."""
+    before = mean + log_std.exp() * noise
+    log_prob = -0.5 * noise.square() - log_std - 0.5 * math.log(2 * math.pi)
+    # log(1 - tanh(x)^2) written so that it neither overflows nor cancels
+    log_slope = 2 * (math.log(2) - before - softplus(-2 * before))
+    return torch.tanh(before), (log_prob - log_slope).sum(dim=-1)
 
 
 def make_world_model(config: Config) -> WorldModel:

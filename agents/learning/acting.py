@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import torch
 from crowdbench_agents.learning.rollout import Rollout
 from torch import nn
 
@@ -25,11 +24,12 @@ class Acting(ABC):
         """Decisions so far, each executed for one or more steps."""
 
     @abstractmethod
-    def begin(self, say: Callable[[str], None]) -> None:
+    def begin(self, say: Callable[[str], None], stopping: Callable[[], bool]) -> None:
         """Start an episode in every environment.
 
         Args:
             say: called with a line that the user has to see.
+            stopping: tells whether to stop, and to wait for nothing any more.
         """
 
     @abstractmethod
@@ -79,19 +79,18 @@ class InProcess(Acting):
         """Decisions so far."""
         return self._rollout.explorer.decisions
 
-    def begin(self, say: Callable[[str], None]) -> None:
+    def begin(self, say: Callable[[str], None], stopping: Callable[[], bool]) -> None:
         """Start an episode in every environment."""
         self._rollout.begin()
 
     def step(self) -> None:
-        """One control step in every environment."""
-        self._rollout.step()
-
-    @torch.no_grad()
-    def updated(self) -> None:
-        """Follow the networks where they are elsewhere."""
+        """One control step in every environment, by the networks as they are now."""
         if self._network is not self._learned:
             self._network.load_state_dict(self._learned.state_dict())
+        self._rollout.step()
+
+    def updated(self) -> None:
+        """Nothing is to be done before the next step."""
 
     def seconds(self) -> dict[str, float]:
         """Seconds since this was last asked, by what they were spent on."""
@@ -99,12 +98,15 @@ class InProcess(Acting):
 
     def state(self) -> dict[str, Any]:
         """The explorer's counters and random state."""
-        return {"steps": self.steps, "explorer": self._rollout.explorer.state()}
+        explorer = self._rollout.explorer.state()
+        return {"steps": self.steps, "decisions": self.decisions, "explorer": explorer}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from what ``state`` returned; without an explorer's state with new noise."""
+        """Continue from what ``state`` returned; what actors returned says nothing of the noise."""
         self._rollout.steps = state["steps"]
-        self._rollout.explorer.restore(state["explorer"])
+        if state["explorer"]:
+            self._rollout.explorer.restore(state["explorer"])
+        self._rollout.explorer.decisions = state["decisions"]
 
     def close(self) -> None:
         """Nothing was started."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -11,35 +13,52 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import safetensors
 import torch
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.sampler import scenario_digests
 from crowdbench_agents.learning.weights import tensor_digest
+from safetensors.torch import save
 from torch import Tensor
 
 from crowdbench.messages import short
+
+CHECKPOINT = "checkpoint.safetensors"
+FORMAT = "crowdbench-checkpoint-1"
 
 
 def save_checkpoint(
     folder: Path, state: Mapping[str, Any], digests: Mapping[str, str], form: str
 ) -> None:
-    """Write a run's checkpoint atomically.
+    """Write a run's checkpoint atomically, unless there is something wrong with it.
 
     Args:
         folder: of the run.
-        state: what ``load_checkpoint`` will return: tensors, numbers and text.
+        state: what ``load_checkpoint`` will return: mappings and lists of tensors, numbers and
+            text.
         digests: of the scenarios that the run trains in, by name.
         form: which networks are trained, as in ``save_weights``.
 
     Raises:
-        TrainingError: no room on the disk.
+        TrainingError: numbers that are not finite, or no room on the disk; the checkpoint that was
+            there still is.
     """
+    path = folder / CHECKPOINT
+    if name := _not_finite(state):
+        raise TrainingError(
+            f"{path}: not written, since {name!r} has values that are not finite; the previous "
+            "checkpoint is intact: lower the learning rates and resume"
+        )
+    tensors: dict[str, Tensor] = {}
+    content = json.dumps(
+        {"form": form, "scenarios": dict(digests), "state": _outline(state, "", tensors)}
+    )
+    metadata = {"format": FORMAT, "content": content, "sha256": _digest(content, tensors)}
     part = folder / "checkpoint.part"
-    content = {"form": form, "scenarios": dict(digests), "state": dict(state)}
     try:
-        torch.save(content | {"sha256": _digest(content)}, part)
-        part.replace(folder / "checkpoint.pt")
-    except (OSError, RuntimeError) as error:
+        part.write_bytes(save(tensors, metadata))
+        part.replace(path)
+    except OSError as error:
         raise TrainingError(
             f"{part}: the checkpoint could not be written ({error}); make room on the disk "
             "and resume: the previous checkpoint is intact"
@@ -53,21 +72,24 @@ def load_checkpoint(folder: Path, form: str) -> dict[str, Any]:
         TrainingError: unreadable, damaged, of an earlier version or other networks, with numbers
             that are not finite, or a scenario of the run is no longer what it was.
     """
-    path = folder / "checkpoint.pt"
+    path = folder / CHECKPOINT
     try:
-        content = torch.load(path, weights_only=True)
-    except Exception as error:  # of the zip reader, of the unpickler, or an OSError
+        with safetensors.safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except Exception as error:  # the library raises its own type, OSError or ValueError
         raise TrainingError(f"{path}: cannot be read ({short(str(error))})") from error
-    if not isinstance(content, dict) or content.keys() != {"form", "scenarios", "state", "sha256"}:
+    if metadata.get("format") != FORMAT:
         raise TrainingError(
-            f"{path}: no checkpoint, or one of an earlier version of crowdbench; train under a "
+            f"{path}: no checkpoint, or one of another version of crowdbench; train under a "
             "new name"
         )
-    for name, value in _leaves(content["state"]):
-        if isinstance(value, Tensor) and not torch.isfinite(value).all():
-            raise TrainingError(f"{path}: tensor {name!r} has values that are not finite")
-    if content.pop("sha256") != _digest(content):
+    if metadata.get("sha256") != _digest(metadata.get("content", ""), tensors):
         raise TrainingError(f"{path}: damaged: its hash does not match its content")
+    content = json.loads(metadata["content"])
+    state: dict[str, Any] = _filled(content["state"], tensors)
+    if name := _not_finite(state):
+        raise TrainingError(f"{path}: {name!r} has values that are not finite")
     if content["form"] != form:
         raise TrainingError(f"{path}: is of {content['form']!r} networks, expected {form!r}")
     then = content["scenarios"]
@@ -80,7 +102,6 @@ def load_checkpoint(folder: Path, form: str) -> dict[str, Any]:
             f"{path}: scenarios have changed since this run was saved: {', '.join(changed)}; "
             "train under a new name"
         )
-    state: dict[str, Any] = content["state"]
     return state
 
 
@@ -105,7 +126,7 @@ def require_fitting(folder: Path, found: Mapping[str, Any], expected: Mapping[st
         else:
             continue
         raise TrainingError(
-            f"{folder / 'checkpoint.pt'}: does not fit this configuration: {name!r} {problem}; "
+            f"{folder / CHECKPOINT}: does not fit this configuration: {name!r} {problem}; "
             "resume with the settings it was begun with"
         )
 
@@ -125,13 +146,47 @@ def _form(value: Any) -> str:
     return f"a tensor of {value.dtype} and shape {tuple(value.shape)}"
 
 
-def _digest(content: Mapping[str, Any]) -> str:
-    """The sha256 over names and values; the file's own checksums are not looked at when read."""
-    digest = hashlib.sha256()
-    for name, value in _leaves(content):
-        told = tensor_digest({name: value}) if isinstance(value, Tensor) else f"{name}={value!r};"
-        digest.update(told.encode())
-    return digest.hexdigest()
+def _outline(value: Any, name: str, tensors: dict[str, Tensor]) -> Any:
+    """What JSON can hold of a state; the tensors go into ``tensors`` by their dotted names.
+
+    Mappings become lists of pairs, since the keys of an optimiser's state are numbers.
+    """
+    if isinstance(value, Tensor):
+        tensors[name] = value.detach().cpu().contiguous()
+        return {"tensor": name}
+    inside = f"{name}." if name else ""
+    if isinstance(value, Mapping):
+        pairs = [[key, _outline(item, f"{inside}{key}", tensors)] for key, item in value.items()]
+        return {"mapping": pairs}
+    if isinstance(value, list | tuple):
+        return [_outline(item, f"{inside}{place}", tensors) for place, item in enumerate(value)]
+    return value
+
+
+def _filled(outline: Any, tensors: Mapping[str, Tensor]) -> Any:
+    """The state that ``_outline`` was made of, tuples as lists."""
+    if isinstance(outline, list):
+        return [_filled(item, tensors) for item in outline]
+    if not isinstance(outline, Mapping):
+        return outline
+    if "tensor" in outline:
+        return tensors[outline["tensor"]]
+    return {key: _filled(item, tensors) for key, item in outline["mapping"]}
+
+
+def _not_finite(state: Mapping[str, Any]) -> str | None:
+    """The name of a number or tensor with values that are not finite."""
+    for name, value in _leaves(state):
+        if isinstance(value, Tensor) and not torch.isfinite(value).all():
+            return name
+        if isinstance(value, float) and not math.isfinite(value):
+            return name
+    return None
+
+
+def _digest(content: str, tensors: dict[str, Tensor]) -> str:
+    """The sha256 of all that counts; the file itself is not checked when it is read."""
+    return hashlib.sha256((content + tensor_digest(tensors)).encode()).hexdigest()
 
 
 def run_name(name: str) -> str:
@@ -156,9 +211,9 @@ def run_folder(folder: Path, resume: bool) -> Iterator[None]:
         TrainingError: there is a run and ``resume`` is not asked for, or the reverse, or another
             process is training it.
     """
-    there = (folder / "checkpoint.pt").is_file()
+    there = (folder / CHECKPOINT).is_file()
     if resume and not there:
-        raise TrainingError(f"nothing to resume: {folder / 'checkpoint.pt'} does not exist")
+        raise TrainingError(f"nothing to resume: {folder / CHECKPOINT} does not exist")
     if not resume and there:
         raise TrainingError(f"{folder} holds a run; resume it, or remove or rename the folder")
     folder.mkdir(parents=True, exist_ok=True)

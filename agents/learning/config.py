@@ -154,6 +154,11 @@ class Training(_Section):
     updates_per_step: Positive = Field(1.0, description="updates per step of all environments")
     replay: Count = Field(400_000, description="transitions kept")
     warmup: int = Field(5_000, ge=0, description="transitions before the first update")
+    refill: int = Field(
+        40_000,
+        ge=0,
+        description="transitions before the next update where a run goes on without its replay",
+    )
     reflect: bool = Field(False, description="left-right reflection of half of the sequences")
     detour_price: NonNegative = Field(
         0.0,

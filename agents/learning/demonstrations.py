@@ -30,20 +30,33 @@ NOISE = 0.7  # std of the noise in a burst, actions in [-1, 1]
 NOISE_CORRELATION = 0.8
 
 
-def open_replays(
-    folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
-) -> tuple[Replay, Replay | None]:
-    """The replay of a run in ``folder``, and the demonstrations where it has some."""
-    settings, geometry = config.training, config.perception.geometry
+def open_replay(folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool) -> Replay:
+    """The replay of a run in ``folder``; several processes may have it open.
+
+    Args:
+        folder: of the run.
+        config: all settings.
+        robot: that is trained with.
+        social: whether sampled rewards include the social term.
+    """
+    settings = config.training
     detour = Detour(settings.detour_price, robot.control_period)
     count = settings.environments
     rows = -(-settings.replay // count)
-    replay = Replay(count, rows, geometry.cells, social, detour, folder / "replay")
+    return Replay(count, rows, config.perception.cells, social, detour, folder / "replay")
+
+
+def open_demonstrations(
+    folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
+) -> Replay | None:
+    """The demonstrations for a run in ``folder``, where it has some; arguments as above."""
+    settings = config.training
     if not settings.demonstrations:
-        return replay, None
-    return replay, load_demonstrations(
-        folder.parent, settings.expert, settings.demonstrations, geometry, social, detour
-    )
+        return None
+    return load_demonstrations(
+        folder.parent, settings.expert, settings.demonstrations, config.perception.geometry, social,
+        Detour(settings.detour_price, robot.control_period),
+    )  # fmt: skip
 
 
 def load_demonstrations(

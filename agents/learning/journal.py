@@ -39,6 +39,18 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
+def describe_spent(seconds: Mapping[str, float], total: float) -> str:
+    """Where the time goes, in a line: shares of it, the largest first.
+
+    Args:
+        seconds: by what they were spent on.
+        total: wall time in which they were [s].
+    """
+    largest = sorted(seconds.items(), key=lambda item: -item[1])
+    shares = ", ".join(f"{name} {value / total:.0%}" for name, value in largest)
+    return f"time: {shares or 'not measured'}"
+
+
 class Journal:
     """Writes the progress of one run.
 

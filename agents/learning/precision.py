@@ -19,19 +19,23 @@ def cpu_has_bfloat16() -> bool:
     return instructions and _onednn_uses_bfloat16()
 
 
-def training_precision(bfloat16: bool) -> torch.autocast:
+def training_precision(bfloat16: bool, device: str = "cpu") -> torch.autocast:
     """The context in which networks are evaluated in training; may be entered again and again.
 
     Args:
         bfloat16: whether it is asked for; without it everything is float32.
+        device: where they are.
     """
-    return torch.autocast("cpu", torch.bfloat16, enabled=bfloat16 and cpu_has_bfloat16())
+    able = device != "cpu" or cpu_has_bfloat16()
+    return torch.autocast(device, torch.bfloat16, enabled=bfloat16 and able)
 
 
-def describe_precision(bfloat16: bool) -> str:
+def describe_precision(bfloat16: bool, device: str = "cpu") -> str:
     """What ``training_precision`` chooses, in words, and why."""
     if not bfloat16:
         return "float32"
+    if device != "cpu":
+        return "bfloat16"
     return "bfloat16" if cpu_has_bfloat16() else f"float32 ({NO_INSTRUCTIONS})"
 
 

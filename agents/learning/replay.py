@@ -2,12 +2,15 @@
 
 Rows are kept in lanes, one per environment, in the order of time. An episode of T steps takes
 T + 1 rows; the last holds the final observation and no action and is marked ``final``. Maps stay
-bit-packed, 2.3 kB per row. With a folder the arrays are files, so the replay survives the process.
+bit-packed, 2.3 kB per row. With a folder the arrays are files, mapped into memory: the replay
+survives the process, and several processes may have it open, some of which append to lanes of their
+own while another one samples.
 """
 
 from __future__ import annotations
 
 import os
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +19,7 @@ import torch
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.detour import FREE, Detour
 from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.shared import FileLock
 from crowdbench_agents.learning.vector_env import Outcomes, Sensed
 from numpy.typing import NDArray
 from torch import Tensor
@@ -86,6 +90,9 @@ class Replay:
             }
         )
         self._written = _array(folder, "written", (lanes,), np.int64)
+        self._lock: AbstractContextManager[None] = nullcontext()
+        if folder is not None:
+            self._lock = FileLock(folder / "lock")
 
     def __len__(self) -> int:
         """Rows kept."""
@@ -97,10 +104,11 @@ class Replay:
 
     def append(self, lanes: NDArray[np.integer], rows: Rows) -> None:
         """Add one row to each of the given lanes (N,)."""
-        at = self._written[lanes] % self.rows
-        for name in Rows._fields:
-            getattr(self._data, name)[lanes, at] = getattr(rows, name)
-        self._written[lanes] += 1
+        with self._lock:
+            at = self._written[lanes] % self.rows
+            for name in Rows._fields:
+                getattr(self._data, name)[lanes, at] = getattr(rows, name)
+            self._written[lanes] += 1
 
     def append_step(
         self,
@@ -133,8 +141,9 @@ class Replay:
 
     def mark_episode_ends(self, lanes: NDArray[np.integer]) -> None:
         """Mark the newest row of some lanes (N,) as final: what follows is another episode."""
-        begun = lanes[self._written[lanes] > 0]
-        self._data.final[begun, (self._written[begun] - 1) % self.rows] = True
+        with self._lock:
+            begun = lanes[self._written[lanes] > 0]
+            self._data.final[begun, (self._written[begun] - 1) % self.rows] = True
 
     def sample(
         self,
@@ -156,6 +165,17 @@ class Replay:
         Raises:
             ReplayError: fewer rows than one sequence needs.
         """
+        with self._lock:
+            return self._sample(count, horizon, rng, collision_share, reflect)
+
+    def _sample(
+        self,
+        count: int,
+        horizon: int,
+        rng: np.random.Generator,
+        collision_share: float,
+        reflect: bool,
+    ) -> Batch:
         starts = np.maximum(self.lengths() - horizon, 0)
         if starts.sum() == 0:
             raise ReplayError(f"no lane has the {horizon + 1} rows that a sequence needs")

@@ -38,13 +38,28 @@ class ScenarioSampler:
 
     Args:
         seed: of the run.
+        scenarios: names of those that are drawn, by default those that are trained in.
+        episodes: number of the episode before the first one that is drawn.
+        stride: from one number to the next: several samplers of a run share no episode.
+
+    Attributes:
+        success: running success in each scenario.
+        episodes: number of the last episode.
     """
 
-    def __init__(self, seed: int) -> None:
-        self.success = dict.fromkeys(TRAINING_SCENARIOS, 0.5)
-        self.episodes = 0
-        self._seeds = training_seeds(seed)
-        self._rng = np.random.default_rng([seed, 1])
+    def __init__(
+        self,
+        seed: int,
+        scenarios: Iterable[str] | None = None,
+        episodes: int = 0,
+        stride: int = 1,
+    ) -> None:
+        names = TRAINING_SCENARIOS if scenarios is None else scenarios
+        self.success = dict.fromkeys(names, 0.5)
+        self.episodes = episodes
+        self._stride, self._seeds = stride, training_seeds(seed)
+        alone = (episodes, stride) == (0, 1)
+        self._rng = np.random.default_rng([seed, 1] if alone else [seed, 1, episodes + stride])
 
     def __iter__(self) -> Iterator[tuple[str, int]]:
         return self
@@ -52,7 +67,7 @@ class ScenarioSampler:
     def __next__(self) -> tuple[str, int]:
         weights = EASY_WEIGHT + 1 - np.array(list(self.success.values()))
         name = self._rng.choice(list(self.success), p=weights / weights.sum())
-        self.episodes += 1
+        self.episodes += self._stride
         return str(name), self._seeds[self.episodes]
 
     def record(self, name: str, success: bool) -> None:

@@ -15,15 +15,23 @@ import numpy as np
 import torch
 from crowdbench_agents.learning.checkpoints import run_folder, run_name
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.journal import Journal, stop_on_signals
+from crowdbench_agents.learning.device import (
+    describe_actors,
+    find_actors,
+    find_device,
+    learner_threads,
+)
+from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.journal import Journal, describe_spent, stop_on_signals
 from crowdbench_agents.learning.kind import Kind
-from crowdbench_agents.learning.kind_run import KindRun
 from crowdbench_agents.learning.memory import keep_freed_memory
-from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.run import TrainingRun
+
+from crowdbench.messages import short
 
 RUNS, CURVES = Path("runs"), Path("results/training")
 NOTE_SECONDS = 15  # between notes on progress
+TELL_SECONDS = 60  # between lines that tell where the time goes
 CHECK_UPDATES = 100  # between checks, and notes, while learning from demonstrations alone
 
 
@@ -37,6 +45,8 @@ def train(
     resume: bool = False,
     seed: int = 0,
     social: bool = True,
+    device: str = "auto",
+    actors: int | None = None,
 ) -> Path:
     """Train an agent.
 
@@ -49,55 +59,49 @@ def train(
         resume: continue the run of this name.
         seed: of parameters, episodes and exploration.
         social: whether the reward includes the social term.
+        device: where networks are trained: cpu, cuda, or auto for a GPU where there is one.
+        actors: processes that act while this one learns; with 0 it acts itself, in turn with
+            learning, and the same seed gives the same run. None leaves the number to the machine.
 
     Returns:
         The run's folder with ``best.safetensors`` and ``last.safetensors``.
 
     Raises:
         TrainingError: a name that no run can have, nothing to resume, a run in the way, a
-            checkpoint that cannot be used, a diverged training, a full disk.
+            checkpoint that cannot be used, a diverged training, a full disk, no such device or
+            too little memory on it, actors that die again and again.
     """
-
-    def make(folder: Path, config: Config, seed: int, social: bool) -> TrainingRun:
-        return KindRun(kind, folder, config, seed, social)
-
-    return train_run(
-        make, name, config, minutes=minutes, steps=steps, resume=resume, seed=seed, social=social
-    )
-
-
-def train_run(
-    make: Callable[[Path, Config, int, bool], TrainingRun],
-    name: str,
-    config: Config,
-    *,
-    minutes: float | None,
-    steps: int | None,
-    resume: bool,
-    seed: int,
-    social: bool,
-) -> Path:
-    """Train what ``make`` makes of the run's folder; otherwise as ``train``."""
+    where = find_device(device)
+    count = find_actors(actors, config.training.environments, where)
     folder, curve = RUNS / run_name(name), CURVES / f"{name}.csv"
-    with run_folder(folder, resume):
-        keep_freed_memory()
-        torch.set_num_threads(1)
-        run = make(folder, config, seed, social)
-        if resume:
-            run.restore()
-        else:
-            curve.unlink(missing_ok=True)
-        total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-        with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
-            journal.say(f"networks learn in {describe_precision(config.training.bfloat16)}")
-            try:
-                _loop(run, journal, minutes, steps, stopping)
-            finally:
-                run.close()
-            if stopping():
-                journal.say("stopped; --resume continues this run")
-            run.save()
-            run.export("last", {"steps": run.steps, "seconds": run.seconds})
+    try:
+        with run_folder(folder, resume):
+            keep_freed_memory()
+            torch.set_num_threads(learner_threads(count, where))
+            run = TrainingRun(kind, folder, config, seed, social, where, count)
+            if resume:
+                run.restore()
+            else:
+                curve.unlink(missing_ok=True)
+            total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
+            with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
+                arithmetic = run.facts["arithmetic"]
+                journal.say(
+                    f"{where.type}, {describe_actors(count)}, networks learn in {arithmetic}"
+                )
+                try:
+                    _loop(run, journal, minutes, steps, stopping)
+                finally:
+                    run.close()
+                if stopping():
+                    journal.say("stopped; --resume continues this run")
+                run.save()
+                run.export("last", {"steps": run.steps, "seconds": run.seconds})
+    except torch.OutOfMemoryError as error:
+        raise TrainingError(
+            f"device: the memory of the GPU does not suffice ({short(str(error))}); lower "
+            "training.batch or use --device cpu"
+        ) from error
     return folder
 
 
@@ -139,7 +143,9 @@ def _loop(
         if count:
             run.validate(journal)
             saved = validated = time.perf_counter()
-    run.begin(journal.say)
+    told = time.perf_counter()
+    run.spent()
+    run.begin(journal.say, stopping)
     while not stopping():
         run.step()
         if run.updates_begin:
@@ -149,6 +155,9 @@ def _loop(
             owed -= 1
         now = time.perf_counter()
         run.seconds = before + now - begun
+        if now - told > TELL_SECONDS:
+            journal.say(describe_spent(run.spent(), now - told))
+            told = now
         if now - last_note[1] > NOTE_SECONDS and count:
             terms = means()
             run.check(terms)
@@ -170,5 +179,7 @@ def _loop(
         if done:
             return
         if now - saved > 60 * settings.checkpoint_minutes:
+            if count:
+                run.check(means())
             run.save()
             saved = time.perf_counter()

@@ -12,7 +12,7 @@ from crowdbench_agents.learning.seeds import VALIDATION
 from crowdbench_agents.learning.vector_env import Sensed, VectorEnv
 from numpy.typing import NDArray
 
-from crowdbench.evaluation.metrics import path_efficiency, shortest_way
+from crowdbench.evaluation.navigation_metrics import path_efficiency, shortest_way
 
 ENVIRONMENTS = 64
 

@@ -24,7 +24,7 @@ class Explorer(kind.Explorer):
         network: the policy that is being trained.
         config: all settings.
         bounds: of the robot's actions, which is not needed.
-        lanes: (E,) numbers of the environments among all those of the run.
+        lanes: (E,) numbers of its environments among all those of the run.
         seed: of all randomness in acting.
     """
 
@@ -40,8 +40,7 @@ class Explorer(kind.Explorer):
         self.generator = torch.Generator().manual_seed(seed)
         self._network, self._config, self._count = network, config, len(lanes)
         settings = config.training
-        share = len(lanes) / settings.environments
-        self._random = 0 if settings.demonstrations else settings.warmup * share
+        self._random = 0 if settings.demonstrations else settings.warmup
 
     def begin(self, which: NDArray[np.integer], velocity: NDArray[np.float32]) -> None:
         """Nothing goes on from one step to the next."""

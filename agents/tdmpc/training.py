@@ -20,8 +20,11 @@ def train(
     seed: int = 0,
     social: bool = False,
     overrides: Mapping[str, Any] | None = None,
+    device: str = "auto",
+    actors: int | None = None,
 ) -> Path:
     """Train the TD-MPC-style baseline; arguments as for the latent planner."""
     return training.train(
-        name, minutes, steps, resume, seed, social, {**DIFFERENCES, **(overrides or {})}
-    )
+        name, minutes, steps, resume, seed, social, {**DIFFERENCES, **(overrides or {})}, device,
+        actors,
+    )  # fmt: skip

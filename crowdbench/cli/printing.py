@@ -18,7 +18,7 @@ from crowdbench.evaluation.results import Cell, ResultsStore, one_line
 from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.runner import Missing
 from crowdbench.evaluation.scoring import TRUSTED_SHARE, waited
-from crowdbench.evaluation.statistics import Estimate, estimate, per_episode
+from crowdbench.evaluation.statistics import Estimate, estimates, per_episode
 
 Rows = Mapping[Cell, pd.DataFrame]
 Lacking = Mapping[Cell, Sequence[Missing]]
@@ -38,6 +38,7 @@ def print_tables(
         published: what the record has of the same agents in the same scenarios.
         lacking: the episodes of each cell that could not be run.
     """
+    main = {name: metric for name, metric in METRICS.items() if metric.main}
     for scenario in dict.fromkeys(cell.scenario for cell in rows):
         cells = [cell for cell in rows if cell.scenario == scenario]
         table = _table(scenario)
@@ -54,25 +55,22 @@ def print_tables(
             for cell in cells
             for gap in (len(lacking.get(cell, ())), *([0] if cell in published else []))
         ]
-        episodes = [per_episode(part, METRICS) for part in columns]
-        lacking_metrics = [not_computed(part) for part in columns]
-        for name, metric in METRICS.items():
-            if metric.main:
-                found = [estimate(metric, values[name]) for values in episodes]
-                shown = [
-                    _interval(metric, item) if older.get(name) != len(part) else "not computed"
-                    for item, part, older in zip(found, columns, lacking_metrics, strict=True)
-                ]
-                table.add_row(_heading(name), *shown)
+        found = [estimates(main, per_episode(part, main)) for part in columns]
+        older = [not_computed(part) for part in columns]
+        for name, metric in main.items():
+            shown = [
+                "not computed" if old.get(name) == len(part) else _interval(metric, item[name])
+                for item, part, old in zip(found, columns, older, strict=True)
+            ]
+            table.add_row(_heading(name), *shown)
         counts = map(_count, columns, gaps)
         table.add_row("episodes", *counts)
         table.add_row("ended by", *(_endings(part) for part in columns))
         console.print(table)
         console.print()
     print_published(console, {cell.agent: part for cell, part in published.items()})
-    main = [name for name, metric in METRICS.items() if metric.main]
     named = {f"{cell.agent} in {cell.scenario}": part for cell, part in rows.items()}
-    print_not_computed(console, named, main)
+    print_not_computed(console, named, list(main))
     for cell, table in rows.items():
         _print_errors(console, cell, table)
         _print_waits(console, cell, table)
@@ -183,8 +181,7 @@ def _cell_document(
         "not_computed": not_computed(rows),
         "outcomes": {str(name): int(n) for name, n in rows["outcome"].value_counts().items()},
         "metrics": {
-            name: _estimate_document(estimate(metric, values[name]))
-            for name, metric in METRICS.items()
+            name: _estimate_document(found) for name, found in estimates(METRICS, values).items()
         },
         "errors": [
             {"seed": int(seed), "error": error}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Annotated
 
 import typer
@@ -30,6 +31,13 @@ def train(
         bool | None,
         typer.Option("--social/--no-social", help="Reward yielding; the trainer's own default."),
     ] = None,
+    device: Annotated[
+        str | None, typer.Option(help="Where networks are trained: auto, cpu or cuda.")
+    ] = None,
+    actors: Annotated[
+        int | None,
+        typer.Option(min=0, help="Processes that act, by default half of the cores; 0: none."),
+    ] = None,
     overrides: SetOption = None,
 ) -> None:
     """Train an agent.
@@ -46,7 +54,14 @@ def train(
         function = point.load()
     except ImportError as error:
         raise UserError(f"{trainer}: {error}; is the extra 'train' installed?") from error
-    chosen = {} if social is None else {"social": social}
+    asked = {"social": social, "device": device, "actors": actors}
+    # Trainers have defaults of their own, and need not know what is not asked for.
+    chosen = {key: value for key, value in asked.items() if value is not None}
+    parameters = inspect.signature(function).parameters
+    takes_all = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    for key in chosen:
+        if key not in parameters and not takes_all:
+            raise UserError(f"{trainer}: --{key} is nothing that its trainer takes")
     try:
         folder = function(
             name=trainer if name is None else name,

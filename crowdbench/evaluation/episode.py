@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.evaluation import interactions
+from crowdbench.evaluation.shortest_path import Route, shortest_route
 from crowdbench.simulation.contact import Contact
 
 Outcome = Literal["success", "collision", "timeout", "agent_error"]
@@ -29,6 +33,7 @@ class Episode:
         control_period: time between two actions [s].
         footprint: robot's length and width [m].
         goal_tolerance: arrival distance [m].
+        top_speed: the fastest that the drive lets it travel [m/s].
         goal: (2,) [m].
         walls: (S, 4) segments x1, y1, x2, y2 [m].
         obstacles: (K, 3) x, y, radius [m].
@@ -64,6 +69,7 @@ class Episode:
     control_period: float
     footprint: tuple[float, float]
     goal_tolerance: float
+    top_speed: float
     goal: NDArray[np.float64]
     walls: NDArray[np.float64]
     obstacles: NDArray[np.float64]
@@ -91,3 +97,37 @@ class Episode:
     def steps(self) -> int:
         """T, the number of actions executed."""
         return len(self.actions)
+
+    @property
+    def reach(self) -> float:
+        """Radius of the circle around the footprint plus a pedestrian's radius [m]."""
+        return math.hypot(*self.footprint) / 2 + self.pedestrian_radius
+
+    @cached_property
+    def clearance(self) -> NDArray[np.float64]:
+        """(T + 1, P) distance between footprint and pedestrians, 0 when they touch [m]."""
+        return interactions.clearance(
+            self.robot_pose, self.footprint, self.pedestrian_position, self.pedestrian_radius
+        )
+
+    @cached_property
+    def crossing_gaps(self) -> NDArray[np.float64]:
+        """(T, P) time gap wherever the robot crosses a pedestrian's path, else infinite [s]."""
+        return interactions.crossing_gaps(
+            self.robot_pose[:, :2],
+            self.pedestrian_position,
+            self.pedestrian_velocity,
+            self.control_period,
+            self.reach,
+        )
+
+    @cached_property
+    def route(self) -> Route:
+        """The shortest path from the start to the goal's centre among walls and obstacles.
+
+        It keeps half the footprint's lesser side away from them, which is the least distance that
+        any pose needs.
+        """
+        clearance = min(self.footprint) / 2
+        start = self.robot_pose[0, :2]
+        return shortest_route(start, self.goal, self.walls, self.obstacles, clearance)

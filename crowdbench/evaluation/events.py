@@ -9,7 +9,7 @@ import numpy as np
 
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.interactions import cut_offs
-from crowdbench.evaluation.metrics import TTC_LIMIT, crossing_gaps, time_to_collision
+from crowdbench.evaluation.social_metrics import TTC_LIMIT, time_to_collision
 from crowdbench.simulation.contact import INTENTS
 
 EventKind = Literal[
@@ -46,7 +46,7 @@ def find_events(episode: Episode) -> list[Event]:
 
 def _cut_offs(episode: Episode) -> list[Event]:
     """The crossings that ``cutoff`` counts, at the state that the crossing step leads to."""
-    gaps = crossing_gaps(episode)
+    gaps = episode.crossing_gaps
     return [
         Event("cutoff", step + 1, step + 1, pedestrian, float(gaps[step, pedestrian]))
         for step, pedestrian in cut_offs(gaps, episode.control_period)

@@ -17,6 +17,10 @@ TIME_GAP = 2.0
 """A crossing is a cut-off when the pedestrian would arrive sooner than this [s]."""
 EVENT_SPACING = 1.0
 """Cut-offs of the same pedestrian closer than this are one event [s]."""
+NEAR = 0.2
+"""A near miss is nearer than this, between surfaces [m]."""
+FAST = 0.5
+"""And closes in faster than this [m/s]."""
 
 
 def centre_distance(robot_position: Array, pedestrian_position: Array) -> Array:
@@ -124,12 +128,13 @@ def crossing_gaps(
     return np.where(crosses & (distance > 0), gap, np.inf)
 
 
-def cut_offs(gaps: Array, period: float) -> list[tuple[int, int]]:
-    """Crossings with a gap below ``TIME_GAP``, per pedestrian one per ``EVENT_SPACING``.
+def cut_offs(gaps: Array, period: float, limit: float = TIME_GAP) -> list[tuple[int, int]]:
+    """Crossings with a gap below ``limit``, per pedestrian one per ``EVENT_SPACING``.
 
     Args:
         gaps: (N, P) from ``crossing_gaps`` [s].
         period: time between two states [s].
+        limit: [s].
 
     Returns:
         (step, pedestrian) of each, in their order.
@@ -137,11 +142,54 @@ def cut_offs(gaps: Array, period: float) -> list[tuple[int, int]]:
     found = []
     last: dict[int, int] = {}
     spacing = EVENT_SPACING / period - 1e-9  # in steps; a rounding error must not add one
-    for step, pedestrian in np.argwhere(gaps < TIME_GAP).tolist():
+    for step, pedestrian in np.argwhere(gaps < limit).tolist():
         if pedestrian not in last or step - last[pedestrian] >= spacing:
             last[pedestrian] = step
             found.append((step, pedestrian))
     return found
+
+
+def closing_speed(offset: Array, relative_velocity: Array) -> Array:
+    """How fast two centres come nearer to each other, negative when they part.
+
+    Args:
+        offset: (..., 2) from one centre to the other [m].
+        relative_velocity: (..., 2) the velocity of the other less one's own [m/s].
+
+    Returns:
+        (...) [m/s]; 0 for centres at one place.
+    """
+    distance = np.linalg.norm(offset, axis=-1)
+    approach = -np.sum(offset * relative_velocity, axis=-1)
+    return np.asarray(approach / np.where(distance > 0, distance, 1.0))
+
+
+def near_misses(
+    clearance: Array, closing_speed: Array, touched: int | None = None
+) -> list[tuple[int, int]]:
+    """Approaches to less than ``NEAR`` in which somebody closes in faster than ``FAST``.
+
+    An approach lasts while the clearance to a pedestrian stays below ``NEAR``.
+
+    Args:
+        clearance: (N, P) between surfaces [m].
+        closing_speed: (N, P) [m/s].
+        touched: the pedestrian with whom it ended in contact; the approach that led there is a
+            collision and no near miss.
+
+    Returns:
+        (state, pedestrian) of each, in their order: the first state that is near and fast.
+    """
+    near = clearance < NEAR
+    begins = near & ~np.vstack([np.zeros_like(near[:1]), near[:-1]])
+    approach = np.cumsum(begins, axis=0)
+    found: dict[tuple[int, int], tuple[int, int]] = {}
+    for state, pedestrian in np.argwhere(near & (closing_speed > FAST)).tolist():
+        key = (pedestrian, int(approach[state, pedestrian]))
+        found.setdefault(key, (state, pedestrian))
+    if touched is not None and near[-1, touched]:
+        found.pop((touched, int(approach[-1, touched])), None)
+    return list(found.values())
 
 
 def _cross(a: Array, b: Array) -> Array:

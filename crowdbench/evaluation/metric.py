@@ -10,6 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
 
@@ -19,6 +22,11 @@ ARROWS: dict[Direction, str] = {"higher": "↑", "lower": "↓"}
 
 _NOTHING = 1e-12
 """Below this a number is zero but for rounding."""
+
+
+def mean(values: NDArray[np.floating] | NDArray[np.bool_]) -> float:
+    """The mean of an array, NaN where there is nothing."""
+    return float(values.mean()) if values.size else math.nan
 
 
 class MetricError(ValueError):
@@ -42,6 +50,8 @@ class Metric:
         printed_unit: by default ``unit``.
         scale: factor from ``unit`` to ``printed_unit``.
         digits: decimals in ``printed_unit``; None for two significant digits.
+        weight: for a rate, the name of the metric that it is per: an episode counts in the mean by
+            that, so that the mean is all events over all of the time or way. Empty for the rest.
 
     Raises:
         MetricError: a field that says none of what is allowed.
@@ -57,6 +67,7 @@ class Metric:
     printed_unit: str = ""
     scale: float = 1.0
     digits: int | None = None
+    weight: str = ""
 
     def __post_init__(self) -> None:
         for field, value, allowed in (
@@ -67,6 +78,8 @@ class Metric:
                 raise MetricError(f"{field}: expected {' or '.join(allowed)}, got {value!r}")
         if not (math.isfinite(self.scale) and self.scale > 0):
             raise MetricError(f"scale: expected a number > 0, got {self.scale!r}")
+        if self.weight and self.kind != "mean":
+            raise MetricError(f"weight: expected none for a {self.kind}, got {self.weight!r}")
         object.__setattr__(self, "printed_unit", self.printed_unit or self.unit)
 
     @property

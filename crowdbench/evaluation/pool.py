@@ -20,7 +20,7 @@ from crowdbench.evaluation.protocol import Answer, Broken, Lost, Message
 
 _PATIENCE = 0.1
 """How often limits are looked at [s]."""
-_IDLE = 4
+_KEPT = 4
 """Processes that are kept though nothing is left for them at the moment: starting costs more."""
 _STARVED = 10
 """A limit on processor time, times this, limits wall time, on however busy a machine."""
@@ -55,14 +55,15 @@ class Pool:
     it needs is compiled once.
     """
 
-    def __init__(self, jobs: int, limits: Limits) -> None:
+    def __init__(self, jobs: int, limits: Limits, keep: int = _KEPT) -> None:
         """Start nothing yet.
 
         Args:
             jobs: processes that work at the same time, at most.
             limits: for agent code.
+            keep: processes in all, if more than ``jobs``: those of other agents wait.
         """
-        self._jobs = jobs
+        self._jobs, self._keep = jobs, keep
         self._limits = limits
         self._hung: set[str] = set()
         self._warm: set[str] = set()
@@ -137,7 +138,7 @@ class Pool:
         for process in sorted(free, key=lambda process: process.agent != agent):
             if process.agent in (agent, ""):
                 return process
-        if len(self._processes) >= max(self._jobs, _IDLE):
+        if len(self._processes) >= max(self._jobs, self._keep):
             self._end(free[0])
         self._processes.append(WorkerProcess())
         return self._processes[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.env import CrowdEnv, parallel_env
+from crowdbench.simulation.kinematics import make_drive
 
 State = Mapping[str, NDArray[Any]]
 OnCall = Callable[[int | None], None]
@@ -204,6 +206,13 @@ def _ask_diagnostics(log: _Log, agent: Agent, on_call: OnCall) -> None:
         on_call(None)
 
 
+def _top_speed(scenario: Scenario) -> float:
+    """The fastest that a robot can travel [m/s]; it does so at a corner of the drive's bounds."""
+    drive = make_drive(scenario)
+    corners = product(*zip(drive.low.tolist(), drive.high.tolist(), strict=True))
+    return max(abs(drive.travel(0.0, corner)[2]) for corner in corners)
+
+
 def _episode(
     log: _Log, scenario: Scenario, label: str, seed: int, states: Sequence[State]
 ) -> Episode:
@@ -226,6 +235,7 @@ def _episode(
         control_period=scenario.control_period,
         footprint=(scenario.robots.length, scenario.robots.width),
         goal_tolerance=scenario.robots.goal_tolerance,
+        top_speed=_top_speed(scenario),
         goal=states[0]["robot_goal"][log.index],
         walls=states[0]["walls"],
         obstacles=states[0]["obstacles"],

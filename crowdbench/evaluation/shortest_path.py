@@ -12,6 +12,7 @@ distance that the path must keep from the core.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,10 +45,31 @@ class _Arcs(NamedTuple):
     """(A,) counter-clockwise extent, 0 to 2 pi [rad]"""
 
 
+class Route(NamedTuple):
+    """The shortest path.
+
+    Attributes:
+        length: [m]; infinite when there is none.
+        heading: direction in which it leaves the start [rad]; NaN when it leads nowhere.
+        turning: how far it turns on the way, left and right added up [rad].
+    """
+
+    length: float
+    heading: float = np.nan
+    turning: float = 0.0
+
+
 def shortest_path(
     start: Array, goal: Array, walls: Array, obstacles: Array, clearance: float
 ) -> float:
-    """Length of the shortest path from start to goal that keeps its distance [m].
+    """Length of ``shortest_route`` [m]; infinite when there is no such path."""
+    return shortest_route(start, goal, walls, obstacles, clearance).length
+
+
+def shortest_route(
+    start: Array, goal: Array, walls: Array, obstacles: Array, clearance: float
+) -> Route:
+    """The shortest path from start to goal that keeps its distance.
 
     Obstacles are taken into account only once a path would enter them: the shortest path among
     some of the obstacles is never longer than the one among all, so as soon as it enters none of
@@ -59,27 +81,33 @@ def shortest_path(
         walls: (S, 4) segments x1, y1, x2, y2 [m].
         obstacles: (K, 3) x, y, radius [m].
         clearance: least distance from walls and from the edges of obstacles [m].
-
-    Returns:
-        The length; infinite when there is no such path.
     """
     if np.array_equal(start, goal):
-        return 0.0
+        return Route(0.0)
     cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
     reach = np.concatenate([np.full(len(walls), clearance), obstacles[:, 2] + clearance])
-    relevant = np.zeros(len(cores), dtype=bool)
+    straight = _Lines(start[None], goal[None])
+    relevant = _enters(_line_gaps(straight, cores), reach)
+    if not relevant.any():
+        return Route(_lengths(straight).item(), _heading(straight))
     while True:
         length, lines, arcs = _path_among(start, goal, cores[relevant], reach[relevant])
         entered = _enters(_line_gaps(lines, cores), reach) | _enters(_arc_gaps(arcs, cores), reach)
-        if np.isinf(length) or not np.any(entered & ~relevant):
-            return length
+        if np.isinf(length):
+            return Route(length)
+        if not np.any(entered & ~relevant):
+            return Route(length, _heading(lines), float(arcs.sweep.sum()))
         relevant |= entered
 
 
 def _path_among(
     start: Array, goal: Array, cores: Array, reach: Array
 ) -> tuple[float, _Lines, _Arcs]:
-    """Shortest path in the graph of tangents to all of ``cores``: length, lines and arcs."""
+    """Shortest path in the graph of tangents to all of ``cores``.
+
+    Returns:
+        Its length, and its lines and its arcs from the goal back to the start.
+    """
     # Start and goal are circles of radius 0. A core of length zero has one round end, others two.
     twin = np.any(cores[:, :2] != cores[:, 2:], axis=1)
     centre = np.concatenate([start[None], goal[None], cores[:, :2], cores[twin, 2:]])
@@ -106,9 +134,7 @@ def _path_among(
 
     begin = np.concatenate([leave, node[first[free]]])
     end = np.concatenate([arrive, node[second[free]]])
-    length = np.concatenate(
-        [np.linalg.norm(lines.end - lines.begin, axis=1), arcs.radius * arcs.sweep]
-    )
+    length = np.concatenate([_lengths(lines), arcs.radius * arcs.sweep])
     size = 2 + 2 * count
     distance, previous = dijkstra(
         csr_array((length, (begin, end)), shape=(size, size)), indices=0, return_predecessors=True
@@ -186,6 +212,17 @@ def _arcs_between(
         (phase[second] - phase[first]) % _TURN,
     )
     return first, second, arcs
+
+
+def _lengths(lines: _Lines) -> Array:
+    """(E,) [m]"""
+    return np.asarray(np.linalg.norm(lines.end - lines.begin, axis=1))
+
+
+def _heading(path: _Lines) -> float:
+    """Direction of the first line of a path that is written from its end [rad]."""
+    x, y = (path.end[-1] - path.begin[-1]).tolist()
+    return math.atan2(y, x)
 
 
 def _enters(gaps: Array, reach: Array) -> NDArray[np.bool_]:

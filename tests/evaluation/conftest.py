@@ -36,6 +36,7 @@ def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, *
         "control_period": 0.2,
         "footprint": (0.4, 0.3),
         "goal_tolerance": 0.3,
+        "top_speed": 1.0,
         "goal": np.array([4.0, 0.0]),
         "walls": np.zeros((0, 4)),
         "obstacles": np.zeros((0, 3)),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from crowdbench.evaluation.metric import Metric, MetricError
-from crowdbench.evaluation.metrics import METRICS
+from crowdbench.evaluation.metrics import METRICS, metrics
 
 
 def metric(value=0.5, kind="mean", **fields):
@@ -21,6 +21,7 @@ def metric(value=0.5, kind="mean", **fields):
         ({"kind": "share"}, "kind: expected proportion or mean or count, got 'share'"),
         ({"kind": "mean", "scale": 0}, "scale: expected a number > 0, got 0"),
         ({"kind": "mean", "scale": math.nan}, "scale: expected a number > 0, got nan"),
+        ({"kind": "count", "weight": "steps"}, "weight: expected none for a count, got 'steps'"),
     ],
 )
 def test_an_entry_that_says_nothing_allowed_is_refused(fields, told):
@@ -104,3 +105,9 @@ def test_a_name_of_another_column_is_refused(name):
     with pytest.raises(ValueError, match=f"metric {name!r}: the results have a column "):
         METRICS.register(name, metric())
     assert name not in METRICS
+
+
+def test_a_weight_that_nothing_measures_is_said_by_name(make_episode, monkeypatch):
+    monkeypatch.setitem(METRICS._known, "mine", metric(weight="path_lenght"))
+    with pytest.raises(MetricError, match="metric 'mine': weight: unknown metric 'path_lenght'"):
+        metrics(make_episode([[0, 0, 0]]))

@@ -18,6 +18,7 @@ from crowdbench.simulation.contact import Contact
 UNTOUCHED_BY_STEPS = {
     "success", "spl", "cutoff", "timeout", "path_length", "stalled_time",
     "collision_pedestrian", "collision_obstacle", "collision_wall", "collision_robot",
+    "time_in_scene", "progress", "stl", "barn_score", "heading_changes",
 }  # fmt: skip
 NEED_PEOPLE = {"min_dist", "min_clearance"}
 
@@ -143,8 +144,9 @@ def test_a_robot_that_stands_still_can_be_run_into(make_episode):
 
 @pytest.mark.parametrize("kind", ["pedestrian", "obstacle", "wall", "robot"])
 def test_a_collision_counts_for_its_kind_only(make_episode, kind):
+    contact = Contact(kind, 0, 0.5, 0.0)
     episode = make_episode(
-        np.zeros((2, 3)), outcome="collision", contact=Contact(kind, 0, 0.5, 0.0)
+        np.zeros((2, 3)), pedestrians=[[0.4, 0.0]], outcome="collision", contact=contact
     )
     measured = metrics(episode)
     kinds = {name for name in measured if name.startswith("collision_") and measured[name]}
@@ -245,7 +247,11 @@ def test_metrics_do_not_depend_on_the_frame(random_episode, moved, seed, angle, 
 
 def test_the_random_episodes_exercise_every_metric(random_episode):
     drawn = [metrics(random_episode(seed)) for seed in range(20)]
-    for name in ("spl", "cutoff", "ttc_below_1s", "intimate_space_share", "stalled_time"):
+    exercised = (
+        "spl", "cutoff", "ttc_below_1s", "intimate_space_share", "stalled_time", "curvature",
+        "cutoffs_per_min", "near_misses_per_min", "path_irregularity", "social_work",
+    )  # fmt: skip
+    for name in exercised:
         assert len({measured[name] for measured in drawn}) >= 3, name
 
 

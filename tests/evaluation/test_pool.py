@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections import deque
 from pathlib import Path
 
 import psutil
@@ -14,7 +15,8 @@ import pytest
 from crowdbench import AgentSpec, load_scenario
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.keeper import KEPT
-from crowdbench.evaluation.pool import Limits
+from crowdbench.evaluation.pool import Limits, Pool
+from crowdbench.evaluation.protocol import Describe, Described
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import IncompleteError, Task, run
 
@@ -200,6 +202,15 @@ def planners(tmp_path):
         return AgentSpec(f"{path}:{name}", options)
 
     return spec
+
+
+def test_no_more_processes_are_kept_than_a_pool_may():
+    before = {process.pid for process in psutil.Process().children()}
+    with Pool(1, Limits(), keep=1) as pool:
+        for name in ("straight_line", "dynamic_window"):
+            queue = deque([Describe(AgentSpec(name, {}))])
+            assert [type(answer) for _, answer in pool.run(queue)] == [Described]
+        assert len({process.pid for process in psutil.Process().children()} - before) == 1
 
 
 def rows_of(folder, spec):

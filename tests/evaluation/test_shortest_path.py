@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from crowdbench.evaluation.shortest_path import shortest_path
+from crowdbench.evaluation.shortest_path import shortest_path, shortest_route
 
 RADIUS = 0.15
 START, GOAL = np.array([0.0, 0.0]), np.array([4.0, 0.0])
@@ -49,6 +49,23 @@ def test_two_tangents_and_an_arc_around_one_disc():
     expected = 2 * math.sqrt(3) + math.pi / 3
     assert length(obstacles=[[2.0, 0.0, 0.85]]) == pytest.approx(expected)
     assert around(2.0, 1.0) == pytest.approx(expected)
+
+
+def route(walls=(), obstacles=(), start=START, goal=GOAL):
+    shaped = np.array(walls, dtype=float).reshape(-1, 4), np.array(obstacles).reshape(-1, 3)
+    return shortest_route(start, np.asarray(goal, dtype=float), *shaped, RADIUS)
+
+
+def test_a_route_tells_where_it_sets_out_and_how_far_it_turns():
+    assert route(goal=[1.0, 1.0]) == pytest.approx((math.sqrt(2), math.pi / 4, 0.0))
+    # The disc lies a bit below the line: left at 30 degrees at first, then right by 60.
+    found = route(obstacles=[[2.0, -1e-9, 0.85]])
+    assert (found.heading, found.turning) == pytest.approx((math.pi / 6, math.pi / 3))
+    # A wall that ends above the line, midway: as far back as it was turned away.
+    found = route(walls=[[2.0, -9.0, 2.0, 1.0]])
+    assert found.turning == pytest.approx(2 * found.heading)
+    nowhere = route(goal=START)
+    assert (nowhere.length, nowhere.turning) == (0.0, 0.0) and math.isnan(nowhere.heading)
 
 
 def test_the_nearer_side_of_a_disc_is_taken():

@@ -10,12 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.statistics import (
     PairingError,
     compare,
     estimate,
+    estimates,
     holm,
+    linearised,
     mean_interval,
     paired_difference,
     per_episode,
@@ -49,6 +52,13 @@ def test_wilson_agrees_with_the_published_table(successes, n, low, high):
     assert found.mean == successes / n
     assert found.n == n
     assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(n=st.integers(1, 3000), share=st.floats(0, 1))
+def test_wilson_is_scipys_to_the_last_bit(n, share):
+    successes = round(share * n)
+    expected = stats.binomtest(successes, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(ones(successes, n))[1:3] == tuple(expected)
 
 
 @given(n=st.integers(1, 500), share=st.floats(0, 1))
@@ -150,9 +160,14 @@ def test_one_value_or_none_has_no_interval():
 
 @pytest.mark.parametrize("name", METRICS)
 def test_the_kind_of_a_metric_decides_on_its_interval(name):
-    values = [*ones(9, 12), math.nan]
-    expected = wilson_interval if METRICS[name].kind == "proportion" else mean_interval
-    assert estimate(METRICS[name], values) == expected(values)
+    values, weights = [*ones(9, 12), math.nan], np.arange(1.0, 14.0)
+    entry = METRICS[name]
+    if entry.weight:
+        expected = mean_interval(linearised(values, weights))
+        assert estimate(entry, values, weights) == expected != mean_interval(values)
+    else:
+        expected = wilson_interval if entry.kind == "proportion" else mean_interval
+        assert estimate(entry, values) == expected(values)
 
 
 def test_a_proportion_averaged_over_robots_is_a_mean():
@@ -331,3 +346,83 @@ def test_a_seed_that_occurs_twice_is_refused():
 def test_a_missing_column_is_named():
     with pytest.raises(PairingError, match="second table has no column 'spl'"):
         compare(table(spl=0.0), table(), metrics=["spl"])
+
+
+# Rates
+
+
+RATE = Metric(len, "1/min", "lower", "", "mean", weight="minutes")
+
+
+@pytest.fixture
+def rate(monkeypatch):
+    monkeypatch.setitem(METRICS._known, "rate", RATE)
+    monkeypatch.setitem(METRICS._known, "minutes", Metric(len, "min", "lower", "", "mean"))
+
+
+def exposed(n, seed=0):
+    """Events, and the minutes in which they happened."""
+    rng = np.random.default_rng(seed)
+    minutes = rng.uniform(0.05, 0.6, n)
+    return rng.poisson(3 * minutes).astype(float), minutes
+
+
+def test_the_mean_of_a_rate_is_all_events_over_all_time():
+    # Two events in a minute and one in the three seconds before a collision: 3 in 1.05 min, while
+    # the plain mean of 2 and 20 a minute is 11.
+    found = estimate(RATE, [2.0, 20.0], [1.0, 0.05])
+    assert found.mean == pytest.approx(3 / 1.05)
+
+
+def test_a_rate_of_equal_times_is_a_mean_like_any_other():
+    events, _ = exposed(40)
+    weighted, plain = estimate(RATE, events, np.full(40, 0.5)), mean_interval(events)
+    assert weighted == pytest.approx(plain)
+
+
+def test_episodes_without_a_rate_or_without_time_are_left_out():
+    values, weights = [2.0, np.nan, 4.0, np.nan], [1.0, 2.0, 3.0, 0.0]
+    found = estimate(RATE, values, weights)
+    assert (found.mean, found.n) == (pytest.approx(14 / 4), 2)
+    assert np.isnan(estimate(RATE, [np.nan], [np.nan]).mean)
+
+
+def test_the_interval_of_a_rate_is_that_of_a_ratio_of_sums():
+    events, minutes = exposed(200)
+    expected = stats.bootstrap(
+        (events, minutes), lambda x, w, axis: x.sum(axis) / w.sum(axis), paired=True,
+        vectorized=True, method="BCa", rng=np.random.default_rng(1),
+    ).confidence_interval  # fmt: skip
+    found = estimate(RATE, events / minutes, minutes)
+    width = expected.high - expected.low
+    assert found[1:3] == pytest.approx(tuple(expected), abs=0.05 * width)
+
+
+def test_rates_are_compared_by_events_over_time(rate):
+    (x, u), (y, w) = exposed(50, 1), exposed(50, 2)
+    a, b = (
+        pd.DataFrame(
+            {"scenario": "s", "seed": range(50), "rate": events / minutes, "minutes": minutes}
+        )
+        for events, minutes in ((x, u), (y, w))
+    )
+    (line,) = compare(a, b, ["rate"]).itertuples()
+    assert line.mean_a == pytest.approx(x.sum() / u.sum())
+    assert line.difference == pytest.approx(x.sum() / u.sum() - y.sum() / w.sum())
+    assert line.low < line.difference < line.high
+    with pytest.raises(PairingError, match="'minutes'"):
+        compare(a.drop(columns="minutes"), b, ["rate"])
+
+
+def test_the_rate_of_an_episode_is_that_of_all_its_robots(rate):
+    rows = pd.DataFrame(
+        {
+            "scenario": "s",
+            "seed": [0, 0, 1, 1],
+            "rate": [2.0, 8.0, np.nan, 5.0],
+            "minutes": [1.0, 0.5, 0.0, 2.0],
+        }
+    )
+    found = per_episode(rows, ["rate"])
+    assert found["rate"].tolist() == pytest.approx([6 / 1.5, 5.0])
+    assert estimates({"rate": RATE}, found)["rate"].mean == pytest.approx(16 / 3.5)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 from crowdbench_agents.latent_planner.learner import Learner
+from crowdbench_agents.latent_planner.losses import encode_targets, model_loss, policy_loss
 from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.inputs import Inputs
 
 
 def test_updates_on_a_fixed_batch_reduce_every_loss(tiny, sequences):
@@ -20,6 +22,54 @@ def test_updates_on_a_fixed_batch_reduce_every_loss(tiny, sequences):
         after = np.mean([float(terms[name]) for terms in history[-5:]])
         assert after < 0.8 * before, name
     learner.check({key: float(value) for key, value in history[-1].items()})
+
+
+def test_an_update_is_that_of_the_plain_formula(tiny, sequences):
+    """One network after the other, each with a graph of its own."""
+    config = tiny(**{"training.gradient_clip": 0.5, "loss.n_step": 2})
+    learner, plain = Learner(config, seed=0), Learner(config, seed=0)
+    batch, loss = sequences(3, 8), config.loss
+    batch = batch._replace(labelled=(batch.reward > 0).float())
+    model, rates = plain.model, config.training
+    for _ in range(3):  # networks that start at zero pass no gradients on
+        expert_weight = config.expert_weight(learner.updates)
+        learner.update(batch)
+        scaled = batch._replace(reward=batch.reward * rates.reward_scale)
+        noise = torch.randn(batch.action.shape, generator=plain.generator)
+        targets = encode_targets(plain.target, scaled, loss, noise)
+        z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
+        result = model_loss(model, z, targets, scaled, loss, expert_weight)
+        policy = list(model.policy_network.parameters())
+        others = [p for name, p in model.named_parameters() if not name.startswith("policy")]
+        step(plain._optimizers["model"], result.total, others, rates.gradient_clip)
+        noise = torch.randn(batch.action.shape, generator=plain.generator)
+        drawn = model.sample(result.states, noise)
+        actor = policy_loss(
+            model, result.states, drawn, scaled, loss, plain.alpha, plain.q_scale, expert_weight
+        )
+        step(plain._optimizers["policy"], actor.total, policy, rates.gradient_clip)
+        with torch.no_grad():
+            spread = np.quantile(actor.values.numpy(), 0.95) - np.quantile(actor.values, 0.05)
+            plain._q_scale += 0.01 * (max(spread, 1.0) - plain._q_scale)
+            excess = actor.terms["entropy"] - loss.entropy_target
+        step(plain._optimizers["alpha"], plain.log_alpha * excess, [plain.log_alpha], 0.5)
+        with torch.no_grad():
+            for slow, fast in zip(plain.target.parameters(), model.parameters(), strict=True):
+                slow += rates.target_rate * (fast - slow)
+    for found, expected in ((learner.model, model), (learner.target, plain.target)):
+        for name, tensor in expected.state_dict().items():
+            torch.testing.assert_close(found.state_dict()[name], tensor, msg=name)
+    assert learner.alpha == pytest.approx(plain.alpha)
+    assert learner.q_scale == pytest.approx(plain.q_scale)
+
+
+def step(optimizer, loss, parameters, clip):
+    """One step of an optimiser by the gradient of a loss."""
+    for parameter in parameters:
+        parameter.grad = None
+    loss.backward(retain_graph=True)
+    torch.nn.utils.clip_grad_norm_(parameters, clip)
+    optimizer.step()
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import pytest
 import torch
 from crowdbench_agents.latent_planner.learner import Learner
 from crowdbench_agents.latent_planner.losses import (
+    encode_targets,
     model_loss,
     policy_loss,
     target_steps,
@@ -12,6 +13,7 @@ from crowdbench_agents.latent_planner.losses import (
 )
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Loss
+from crowdbench_agents.learning.inputs import Inputs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -72,16 +74,16 @@ def test_steps_behind_the_end_of_an_episode_do_not_count(tiny, sequences):
     other.reward[1:] = 100.0
     noise = torch.zeros(3, 5, 2)
     loss = config.loss.model_copy(update={"n_step": 1})
-    a, b = (model_loss(learner.model, learner.target, x, loss, noise) for x in (batch, other))
+    z = learner.model.encode(Inputs(*(x[0] for x in batch.inputs)))
+    a, b = (
+        model_loss(learner.model, z, encode_targets(learner.target, x, loss, noise), x, loss)
+        for x in (batch, other)
+    )
     assert a.total == b.total
 
 
 class Linear:
-    """A hand-made critic and policy for the policy's loss: Q = 2 a_0, a = noise, log pi = -1."""
-
-    @staticmethod
-    def sample(latents, noise):
-        return noise, -torch.ones(noise.shape[:-1])
+    """A hand-made critic for the policy's loss: Q = 2 a_0."""
 
     @staticmethod
     def q(latents, action):
@@ -94,9 +96,10 @@ def test_policy_loss_by_hand(sequences):
     reference = torch.tensor([[[0.5, 0.0]], [[0.0, 0.0]], [[1.0, 1.0]]])
     planned, labelled = torch.tensor([[1.0], [0], [0]]), torch.tensor([[0.0], [0], [1]])
     batch = batch._replace(reference=reference, planned=planned, labelled=labelled)
-    noise = torch.tensor([[[1.0, 1.0]], [[-1.0, 0.0]], [[0.0, 0.5]]])
+    action = torch.tensor([[[1.0, 1.0]], [[-1.0, 0.0]], [[0.0, 0.5]]])
+    drawn = action, -torch.ones(3, 1)
     loss = Loss(imitation=3.0, horizon_decay=0.5, twin_minimum=True)
-    result = policy_loss(Linear, torch.zeros(3, 1, 4), batch, loss, 0.1, 4.0, noise, 2.0)
+    result = policy_loss(Linear, torch.zeros(3, 1, 4), drawn, batch, loss, 0.1, 4.0, 2.0)
     first = 0.1 * -1 - 2 / 4 + 3 * (0.25 + 1)
     second = 0.1 * -1 + 2 / 4
     third = 0.1 * -1 - 0 / 4 + 2 * (1 + 0.25)

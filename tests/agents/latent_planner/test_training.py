@@ -1,7 +1,7 @@
 """Runs that stop and go on."""
 
 import contextlib
-import json
+import shutil
 import signal
 
 import pytest
@@ -9,13 +9,13 @@ from crowdbench_agents.latent_planner.training import train
 from crowdbench_agents.latent_planner.world_model import FORMAT, load_world_model
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
-from crowdbench_agents.learning.kind_run import KindRun
+from crowdbench_agents.learning.run import TrainingRun
 
 import crowdbench
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
-    folder = train("short", steps=200, overrides=overrides)
+    folder = train("short", steps=200, actors=0, overrides=overrides)
     curve = in_empty_folder / "results/training/short.csv"
     lines = curve.read_text().splitlines()
     assert lines[0].startswith("steps,decisions,updates,seconds,success")
@@ -23,8 +23,8 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
     assert int(lines[-1].split(",")[0]) == 200
     assert updates > 10
     with pytest.raises(TrainingError, match="holds a run"):
-        train("short", steps=300, overrides=overrides)
-    train("short", steps=300, resume=True, overrides=overrides)
+        train("short", steps=300, actors=0, overrides=overrides)
+    train("short", steps=300, resume=True, actors=0, overrides=overrides)
     last = curve.read_text().splitlines()[-1].split(",")
     assert int(last[0]) == 300
     assert int(last[2]) > updates
@@ -36,7 +36,7 @@ def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
 
 
 def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, overrides, monkeypatch):
-    train("worlds", steps=100, overrides=overrides)
+    train("worlds", steps=100, actors=0, overrides=overrides)
     load = crowdbench.load_scenario
 
     def changed(name):
@@ -44,22 +44,22 @@ def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, overrides, monkey
 
     monkeypatch.setattr(crowdbench, "load_scenario", changed)
     with pytest.raises(TrainingError, match=r"scenarios have changed .*: unimodal_slow"):
-        train("worlds", steps=200, resume=True, overrides=overrides)
+        train("worlds", steps=200, resume=True, actors=0, overrides=overrides)
 
 
 def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, monkeypatch):
-    train("worlds", steps=100, overrides=overrides)
+    train("worlds", steps=100, actors=0, overrides=overrides)
     names = [*crowdbench.scenario_names(), "of_somebody_else"]
     monkeypatch.setattr(crowdbench, "scenario_names", lambda: names)
-    folder = train("worlds", steps=140, resume=True, overrides=overrides)
-    assert json.loads(load_checkpoint(folder, FORMAT)["counters"])["steps"] == 140
+    folder = train("worlds", steps=140, resume=True, actors=0, overrides=overrides)
+    assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 140
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
     in_empty_folder, overrides, monkeypatch, number
 ):
-    step = KindRun.step
+    step = TrainingRun.step
 
     def interrupted(run):
         if run.steps == 40:
@@ -67,8 +67,25 @@ def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
                 signal.raise_signal(number)
         step(run)
 
-    monkeypatch.setattr(KindRun, "step", interrupted)
-    folder = train("short", steps=400, overrides=overrides)
-    assert json.loads(load_checkpoint(folder, FORMAT)["counters"])["steps"] == 44
-    train("short", steps=80, resume=True, overrides=overrides)
-    assert json.loads(load_checkpoint(folder, FORMAT)["counters"])["steps"] == 80
+    monkeypatch.setattr(TrainingRun, "step", interrupted)
+    folder = train("short", steps=400, actors=0, overrides=overrides)
+    assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 44
+    train("short", steps=80, resume=True, actors=0, overrides=overrides)
+    assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 80
+
+
+def test_a_run_goes_on_in_other_processes_and_without_its_replay(in_empty_folder, overrides):
+    changes = overrides | {"training.warmup": 20, "training.refill": 100}
+    folder = train("moved", steps=200, actors=0, overrides=changes)
+    before = load_checkpoint(folder, FORMAT)
+    shutil.rmtree(folder / "replay")
+    train("moved", steps=240, resume=True, actors=1, overrides=changes)
+    filling = load_checkpoint(folder, FORMAT)
+    assert filling["counters"]["updates"] == before["counters"]["updates"]
+    train("moved", steps=360, resume=True, actors=0, overrides=changes)
+    after = load_checkpoint(folder, FORMAT)
+    assert 15 <= after["counters"]["updates"] - before["counters"]["updates"] <= 40
+    seen = [state["sampler"]["episodes"] for state in (before, filling, after)]
+    assert seen == sorted(set(seen)), "no episode comes twice"
+    decisions = [state["acting"]["decisions"] for state in (before, filling, after)]
+    assert decisions == sorted(set(decisions))

@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from crowdbench_agents.learning import checkpoints
 from crowdbench_agents.learning.checkpoints import (
     load_checkpoint,
     require_fitting,
@@ -12,6 +14,7 @@ from crowdbench_agents.learning.checkpoints import (
     save_checkpoint,
 )
 from crowdbench_agents.learning.errors import TrainingError
+from safetensors.torch import save_file
 
 import crowdbench
 
@@ -50,15 +53,9 @@ def test_a_checkpoint_of_scenarios_that_have_changed_is_refused_by_their_names(t
         load_checkpoint(tmp_path, FORM)
 
 
-def test_a_checkpoint_that_does_not_name_its_scenarios_is_refused(tmp_path):
-    torch.save({"worlds": "0123456789ab", "updates": 7}, tmp_path / "checkpoint.pt")
-    with pytest.raises(TrainingError, match=r"earlier version of crowdbench.* under a new name"):
-        load_checkpoint(tmp_path, FORM)
-
-
 def test_a_damaged_checkpoint_is_told(tmp_path):
-    (tmp_path / "checkpoint.pt").write_bytes(b"torn")
-    with pytest.raises(TrainingError, match=r"checkpoint\.pt: cannot be read"):
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"torn")
+    with pytest.raises(TrainingError, match=r"checkpoint\.safetensors: cannot be read"):
         load_checkpoint(tmp_path, FORM)
 
 
@@ -66,14 +63,14 @@ def refusal(folder, form=FORM):
     with pytest.raises(TrainingError) as caught:
         load_checkpoint(folder, form)
     message = str(caught.value)
-    assert message.startswith(f"{folder / 'checkpoint.pt'}: ")
+    assert message.startswith(f"{folder / 'checkpoint.safetensors'}: ")
     assert "\n" not in message
     return message.partition(": ")[2]
 
 
 def test_every_flipped_bit_of_a_tensor_is_noticed(tmp_path):
     save_checkpoint(tmp_path, {"networks": {"weight": torch.full((50, 50), 0.3)}}, {}, FORM)
-    path = tmp_path / "checkpoint.pt"
+    path = tmp_path / "checkpoint.safetensors"
     content = bytearray(path.read_bytes())
     # 0.3 in float32
     content[content.index(bytes.fromhex("9a99993e") * 100) + 401] ^= 1
@@ -83,21 +80,56 @@ def test_every_flipped_bit_of_a_tensor_is_noticed(tmp_path):
 
 def test_a_torn_checkpoint_is_told(tmp_path):
     save_checkpoint(tmp_path, {"weight": torch.ones(5000)}, {}, FORM)
-    path = tmp_path / "checkpoint.pt"
+    path = tmp_path / "checkpoint.safetensors"
     path.write_bytes(path.read_bytes()[:9000])
     assert refusal(tmp_path).startswith("cannot be read")
 
 
-@pytest.mark.parametrize("content", [[1, 2], torch.ones(3), {"state": {}}, {}])
-def test_what_is_no_checkpoint_is_refused(tmp_path, content):
-    torch.save(content, tmp_path / "checkpoint.pt")
+@pytest.mark.parametrize("metadata", [None, {"format": "crowdbench-world-model-1"}])
+def test_what_is_no_checkpoint_is_refused(tmp_path, metadata):
+    save_file({"weight": torch.ones(3)}, tmp_path / "checkpoint.safetensors", metadata)
     assert refusal(tmp_path).startswith("no checkpoint")
 
 
-def test_a_number_that_is_not_finite_is_named(tmp_path):
-    state = {"optimizer": {"state": {0: {"exp_avg": torch.tensor([0.0, float("nan")])}}}}
+def test_a_state_comes_back_as_it_was(tmp_path):
+    model = torch.nn.Linear(3, 2)
+    optimizer = torch.optim.Adam(model.parameters())
+    model(torch.ones(3)).sum().backward()
+    optimizer.step()
+    generator = np.random.default_rng(3)
+    state = {
+        "optimizer": optimizer.state_dict(), "rng": generator.bit_generator.state,
+        "noise": torch.Generator().manual_seed(5).get_state(), "best": 0.1, "name": "x", "no": {},
+    }  # fmt: skip
     save_checkpoint(tmp_path, state, {}, FORM)
-    assert refusal(tmp_path).startswith("tensor 'optimizer.state.0.exp_avg' has values")
+    found = load_checkpoint(tmp_path, FORM)
+    assert found.keys() == state.keys()
+    other = torch.optim.Adam(torch.nn.Linear(3, 2).parameters())
+    other.load_state_dict(found["optimizer"])
+    for a, b in zip(optimizer.state.values(), other.state.values(), strict=True):
+        for name in ("step", "exp_avg", "exp_avg_sq"):
+            assert torch.equal(a[name], b[name])
+    again = np.random.default_rng(0)
+    again.bit_generator.state = found["rng"]
+    assert again.random() == generator.random()
+    assert torch.equal(found["noise"], state["noise"])
+    assert (found["best"], found["name"], found["no"]) == (0.1, "x", {})
+
+
+@pytest.mark.parametrize("bad", [torch.tensor([0.0, float("nan")]), float("inf")])
+def test_what_has_diverged_never_takes_the_place_of_a_good_checkpoint(tmp_path, bad):
+    save_checkpoint(tmp_path, {"updates": 7}, {}, FORM)
+    with pytest.raises(TrainingError, match=r"not written, since 'a.1' has values .* is intact"):
+        save_checkpoint(tmp_path, {"updates": 8, "a": [1.0, bad]}, {}, FORM)
+    assert load_checkpoint(tmp_path, FORM) == {"updates": 7}
+
+
+def test_a_number_that_is_not_finite_is_named(tmp_path, monkeypatch):
+    state = {"optimizer": {"state": {0: {"exp_avg": torch.tensor([0.0, float("nan")])}}}}
+    with monkeypatch.context() as unchecked:
+        unchecked.setattr(checkpoints, "_not_finite", lambda state: None)
+        save_checkpoint(tmp_path, state, {}, FORM)
+    assert refusal(tmp_path).startswith("'optimizer.state.0.exp_avg' has values")
 
 
 def test_a_checkpoint_of_other_networks_is_refused(tmp_path):
@@ -115,7 +147,7 @@ def test_a_checkpoint_of_other_networks_is_refused(tmp_path):
     ],
 )
 def test_a_state_of_other_sizes_is_refused_by_its_tensor(tmp_path, found, message):
-    with pytest.raises(TrainingError, match=r"checkpoint\.pt: does not fit .*" + message):
+    with pytest.raises(TrainingError, match=r"checkpoint\.safetensors: does not fit .*" + message):
         require_fitting(tmp_path, found, {"a": {"w": torch.ones(2)}})
 
 

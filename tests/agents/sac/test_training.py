@@ -1,7 +1,6 @@
 """SAC's training: it learns what its expert does, stops and goes on."""
 
 import contextlib
-import json
 import signal
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
-from crowdbench_agents.learning.kind_run import KindRun
+from crowdbench_agents.learning.run import TrainingRun
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import KIND, train
@@ -17,7 +16,7 @@ from crowdbench_agents.sac.training import KIND, train
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = KindRun(KIND, folder / "run", config, seed=0, social=True)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
@@ -47,8 +46,8 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = KindRun(KIND, folder / "run", config, seed=0, social=True)
-    run.begin(print)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
     assert run.steps == run.decisions == 4 * steps
@@ -70,8 +69,8 @@ def test_without_labelled_environments_nothing_is_labelled(in_empty_folder, tiny
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
-    folder = train("short", steps=100, overrides=overrides)
-    train("short", steps=160, resume=True, overrides=overrides)
+    folder = train("short", steps=100, overrides=overrides, actors=0)
+    train("short", steps=160, resume=True, overrides=overrides, actors=0)
     lines = (in_empty_folder / "results/training/short.csv").read_text().splitlines()
     steps = [int(line.split(",")[0]) for line in lines[1:]]
     updates = [int(line.split(",")[2]) for line in lines[1:]]
@@ -95,8 +94,8 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
 
     monkeypatch.setattr(Learner, "update", interrupted)
     changes = overrides | {"training.pretraining": pretraining}
-    folder = train("short", steps=10_000, overrides=changes)
-    counters = json.loads(load_checkpoint(folder, FORMAT)["counters"])
+    folder = train("short", steps=10_000, overrides=changes, actors=0)
+    counters = load_checkpoint(folder, FORMAT)["counters"]
     assert counters["updates"] == 1
     assert counters["steps"] < 100
 
@@ -107,5 +106,5 @@ def test_a_run_says_its_arithmetic_and_goes_on_in_another(
     changes = overrides | {"training.bfloat16": True}
     for steps, instructions, said in ((20, True, "bfloat16"), (40, False, "float32 (this CPU")):
         monkeypatch.setattr(precision, "cpu_has_bfloat16", lambda has=instructions: has)
-        train("moved", steps=steps, resume=steps > 20, overrides=changes)
+        train("moved", steps=steps, resume=steps > 20, overrides=changes, actors=0)
         assert f"networks learn in {said}" in " ".join(capsys.readouterr().out.split())
