@@ -9,7 +9,6 @@ Everything heavy is imported in ``main``: nothing of it is needed before.
 from __future__ import annotations
 
 import contextlib
-import copy
 import faulthandler
 import hashlib
 import os
@@ -38,7 +37,7 @@ from crowdbench.evaluation.protocol import (
     Refused,
 )
 from crowdbench.messages import plain_text, short
-from crowdbench.scenario import Scenario, ScenarioError
+from crowdbench.scenario import NoRoomError, Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
@@ -118,7 +117,7 @@ class _Worker:
                 return self._described
             return self._run(message)
         except (AgentError, ScenarioError) as error:
-            return Refused(copy.copy(error))  # without what caused it, which may not travel
+            return Refused(_plain(error))
         except BaseException:  # whatever an agent has put in place of what runs here
             return Broken(traceback.format_exc())
 
@@ -164,6 +163,14 @@ class _Worker:
             weights, drives = _weights(spec, agent), _drives(spec, agent)
             version = _text(spec, "version", vars(type(agent)).get("version"))
         self._described = Described(weights, code_version(spec.name, version), drives)
+
+
+def _plain(error: AgentError | ScenarioError) -> AgentError | ScenarioError:
+    """The same error without what caused it and whatever else may not travel."""
+    if isinstance(error, NoRoomError):
+        return NoRoomError(plain_text(str(error)), int(error.seed))
+    kind = AgentError if isinstance(error, AgentError) else ScenarioError
+    return kind(plain_text(str(error)))
 
 
 def _weights(spec: AgentSpec, agent: Agent) -> str:
