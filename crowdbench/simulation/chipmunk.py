@@ -164,6 +164,9 @@ def _touch(arbiter, _space, hook):  # type: ignore[no-untyped-def]
         contacts[robot, 3] = -(ux * (sign * x) + uy * (sign * y))
 
 
+_BEGIN = ffi.cast("cpCollisionBeginFunc", _touch.address)
+
+
 class Bodies:
     """One world in a Chipmunk space of its own; a space that is used again remembers contacts.
 
@@ -214,9 +217,10 @@ class Bodies:
             self._add_shape(lib.cpCircleShapeNew(ground, around, (x, y)), _OBSTACLE, k)
         for s, (x1, y1, x2, y2) in enumerate(walls.tolist()):
             self._add_shape(lib.cpSegmentShapeNew(ground, (x1, y1), (x2, y2), 0.0), _WALL, s)
-        self._hook = np.append(FUNCTIONS, np.uint64(contacts.ctypes.data))
+        self._hook = np.empty(len(FUNCTIONS) + 1, dtype=np.uint64)
+        self._hook[:-1], self._hook[-1] = FUNCTIONS, contacts.ctypes.data
         handler = lib.cpSpaceAddCollisionHandler(self._space, _COLLIDES, _ANY)
-        handler.beginFunc = ffi.cast("cpCollisionBeginFunc", _touch.address)
+        handler.beginFunc = _BEGIN
         handler.userData = ffi.cast("void *", self._hook.ctypes.data)
         self.space = _address(self._space)
         self.addresses = np.array([_address(body) for body in self._bodies], dtype=np.uint64)

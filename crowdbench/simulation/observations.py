@@ -14,7 +14,7 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.sensing import as_observation
-from crowdbench.simulation.world import World
+from crowdbench.simulation.world import Lane, World
 
 
 def agent_spaces(
@@ -81,7 +81,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
     )
 
 
-def state(world: World) -> dict[str, NDArray[Any]]:
+def state(world: Lane) -> dict[str, NDArray[Any]]:
     """Copies of everything in the world, keyed as in ``state_space``."""
     people = world.pedestrians
     return {

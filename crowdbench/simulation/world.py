@@ -1,4 +1,4 @@
-"""One world by itself: a single lane of ``Worlds``, under names without the lane."""
+"""One lane of ``Worlds`` under plain names, and one world by itself."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Pedestrians(NamedTuple):
     chosen: NDArray[np.float64]
 
 
-class World:
-    """Robots, pedestrians, obstacles and walls of one episode.
+class Lane:
+    """Robots, pedestrians, obstacles and walls of one lane, under names without the lane.
 
     Attributes:
-        worlds: where all of it is kept, in the only lane.
+        worlds: where all of it is kept.
         pose: (R, 3) robots' x, y [m], heading [rad].
         velocity: (R, 2) what the robots' drive is doing, e.g. v [m/s], w [rad/s].
         direction: (R, 2) unit vectors along which the robots travel, in the world.
@@ -61,6 +61,40 @@ class World:
         outcome: (R,) index into OUTCOMES.
     """
 
+    def __init__(self, worlds: Worlds, lane: int) -> None:
+        """Take a lane in which an episode has begun."""
+        self.worlds, self._lane = worlds, lane
+        robots = worlds.state.robots[lane]
+        self.pose, self.velocity = robots["pose"], robots["velocity"]
+        self.direction, self.speed = robots["direction"], robots["speed"]
+        self.world_velocity, self.active = robots["world_velocity"], robots["active"]
+        self.goals, self.terms, self.outcome = robots["goal"], robots["terms"], robots["outcome"]
+        count = worlds.episode(lane).prepared.scenario.pedestrians.count
+        people = worlds.state.people[lane, :count]
+        self.pedestrians = Pedestrians(**{name: people[name] for name in Pedestrians._fields})
+        self.seen = worlds.state.seen[lane]
+
+    @property
+    def time(self) -> float:
+        """Since the episode began [s]."""
+        return float(self.worlds.state.worlds["time"][self._lane])
+
+    @property
+    def layout(self) -> Layout:
+        """Where everything began."""
+        return self.worlds.episode(self._lane).layout
+
+    @property
+    def contacts(self) -> dict[int, Contact]:
+        """What each robot has touched first, by robot."""
+        touched = self.worlds.episode(self._lane).bodies.touched
+        found = ((r, touched(r)) for r in range(len(self.pose)))
+        return {r: contact for r, contact in found if contact is not None}
+
+
+class World(Lane):
+    """One world by itself."""
+
     def __init__(self, scenario: Scenario, seed: int) -> None:
         """Place everything.
 
@@ -69,16 +103,9 @@ class World:
                 model cannot be used.
         """
         self._scenario = scenario
-        self.worlds = Worlds(1, [scenario])
-        self.begin(seed)
-        robots = self.worlds.state.robots[0]
-        self.pose, self.velocity = robots["pose"], robots["velocity"]
-        self.direction, self.speed = robots["direction"], robots["speed"]
-        self.world_velocity, self.active = robots["world_velocity"], robots["active"]
-        self.goals, self.terms, self.outcome = robots["goal"], robots["terms"], robots["outcome"]
-        people = self.worlds.state.people[0]
-        self.pedestrians = Pedestrians(**{name: people[name] for name in Pedestrians._fields})
-        self.seen = self.worlds.state.seen[0]
+        worlds = Worlds(1, [scenario])
+        worlds.begin(0, scenario, seed)
+        super().__init__(worlds, 0)
 
     def begin(self, seed: int) -> None:
         """Begin another episode; arrays are the same ones.
@@ -87,23 +114,6 @@ class World:
             ScenarioError: the scenario has no room for what it asks for; nothing has changed.
         """
         self.worlds.begin(0, self._scenario, seed)
-
-    @property
-    def time(self) -> float:
-        """Since the episode began [s]."""
-        return float(self.worlds.state.worlds["time"][0])
-
-    @property
-    def layout(self) -> Layout:
-        """Where everything began."""
-        return self.worlds.episode(0).layout
-
-    @property
-    def contacts(self) -> dict[int, Contact]:
-        """What each robot has touched first, by robot."""
-        touched = self.worlds.episode(0).bodies.touched
-        found = ((r, touched(r)) for r in range(len(self.pose)))
-        return {r: contact for r, contact in found if contact is not None}
 
     def step(
         self,

@@ -141,7 +141,7 @@ class Worlds:
         """
         s = self.state
         if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
-            self._draw(lanes)
+            self._draw()
         waiting: dict[Callable[..., None] | None, list[int]] = {}
         for lane in lanes.tolist():
             waiting.setdefault(self.episode(lane).kernel, []).append(lane)
@@ -241,14 +241,14 @@ class Worlds:
         people["velocity"] = people["speed"][:, None] * directions
         return drawing
 
-    def _draw(self, lanes: Lanes) -> None:
+    def _draw(self) -> None:
         """Give those who have used up their draws new ones."""
         drawn = self.state.people["drawn"]
-        for lane in lanes.tolist():
-            for p, stream in enumerate(self.episode(lane).streams):
-                if drawn[lane, p] == LEGS_AHEAD:
-                    self.state.draws[lane, p] = stream.random((LEGS_AHEAD, DRAWS))
-                    drawn[lane, p] = 0
+        for lane, p in np.argwhere(drawn == LEGS_AHEAD).tolist():
+            drawn[lane, p] = 0
+            drawing = self.episode(lane).streams
+            if p < len(drawing):  # others are rows that this lane has not
+                self.state.draws[lane, p] = drawing[p].random((LEGS_AHEAD, DRAWS))
 
     def _choose_in_python(self, lane: int) -> None:
         episode = self.episode(lane)
