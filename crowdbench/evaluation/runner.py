@@ -19,7 +19,7 @@ from typing import Any
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
 from crowdbench.compiled import note_run, was_run
 from crowdbench.evaluation.database import require_writable
-from crowdbench.evaluation.driven import Driven
+from crowdbench.evaluation.driven import Driven, ResimulationError
 from crowdbench.evaluation.executors import EXECUTORS, Executor
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import (
@@ -33,7 +33,6 @@ from crowdbench.evaluation.protocol import (
     Message,
     Refused,
 )
-from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario, ScenarioError
