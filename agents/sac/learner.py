@@ -51,9 +51,9 @@ def transitions(batch: Batch, discount: float) -> Transitions:
 
     At the time limit a transition is shorter and its value goes on: nothing has ended.
     """
-    powers = discount ** torch.arange(len(batch.reward))[:, None]
+    powers = discount ** torch.arange(len(batch.reward), device=batch.reward.device)[:, None]
     length = batch.valid.sum(dim=0).long()
-    columns = torch.arange(len(length))
+    columns = torch.arange(len(length), device=length.device)
     ended = (batch.end * batch.valid).amax(dim=0)
     return Transitions(
         inputs=Inputs(*(x[0] for x in batch.inputs)),
@@ -77,14 +77,14 @@ class Learner(kind.Learner):
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
-        self.config, self.horizon = config, config.loss.n_step
+        self.config, self._device, self.horizon = config, device, config.loss.n_step
         self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
-        self.actor = make_policy(config)
-        self.critic = Critic(config.perception.cells, config.model)
+        self.actor = make_policy(config).to(device)
+        self.critic = Critic(config.perception.cells, config.model).to(device)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         entropy = max(config.loss.entropy, 1e-8)
-        self.log_alpha = torch.tensor(math.log(entropy), requires_grad=True)
+        self.log_alpha = torch.tensor(math.log(entropy), device=device, requires_grad=True)
         wanted = config.loss.entropy_target
         self._wanted_entropy = -float(ACTION) if wanted is None else wanted
         self.updates = 0
@@ -120,29 +120,32 @@ class Learner(kind.Learner):
         self._set_learning_rates()
         config, alpha = self.config, self.log_alpha.detach().exp()
         batch = batch._replace(reward=batch.reward * config.training.reward_scale)
+        batch = batch.to(self._device)
         seen, taken, returns, discount, later = transitions(batch, config.loss.discount)
-        noise = torch.randn(2, *taken.shape, generator=self.generator)
-        actor = self.actor
-        action, log_prob = actor.sample(self._features(actor, seen), noise[0])
+        noise = torch.randn(2, *taken.shape, generator=self.generator).to(self._device)
 
-        # The critic: Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
-        with torch.no_grad():
-            next_action, next_log_prob = actor.sample(self._features(actor, later), noise[1])
-            next_q = self.target(self._features(self.target, later), next_action).amin(dim=0)
-            target = returns + discount * (next_q - alpha * next_log_prob)
-        q = self.critic(self._features(self.critic, seen), taken)
-        critic_loss = 0.5 * (q - target).square().mean(dim=1).sum()
-        self._step("critic", critic_loss)
+        # Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
+        with self.watch("critic"):
+            with torch.no_grad():
+                next_action, next_log_prob = self._draw(later, noise[1])
+                next_q = self.target(self._features(self.target, later), next_action).amin(dim=0)
+                target = returns + discount * (next_q - alpha * next_log_prob)
+            q = self.critic(self._features(self.critic, seen), taken)
+            critic_loss = 0.5 * (q - target).square().mean(dim=1).sum()
+            self._step("critic", critic_loss)
 
-        # The actor: alpha log pi(a) - min Q(o, a), and the distance from the expert's action.
-        with torch.no_grad():
-            features = self._features(self.critic, seen)
-        value = self.critic(features, action).amin(dim=0)
-        error = (action - batch.reference[0]).square().sum(dim=-1) * batch.labelled[0]
-        imitation = config.expert_weight(self.updates) * error
-        actor_loss = (alpha * log_prob - value + imitation).mean()
-        self._step("actor", actor_loss)
+        # alpha log pi(a) - min Q(o, a), and the distance of a from the expert's action.
+        with self.watch("actor"):
+            action, log_prob = self._draw(seen, noise[0])
+            with torch.no_grad():
+                features = self._features(self.critic, seen)
+            value = self.critic(features, action).amin(dim=0)
+            error = (action - batch.reference[0]).square().sum(dim=-1) * batch.labelled[0]
+            imitation = config.expert_weight(self.updates) * error
+            actor_loss = (alpha * log_prob - value + imitation).mean()
+            self._step("actor", actor_loss)
 
+        # More alpha where the entropy is below the wanted one.
         entropy = -log_prob.detach().mean()
         self._step("alpha", self.log_alpha * (entropy - self._wanted_entropy))
         self._update_target()
@@ -179,7 +182,8 @@ class Learner(kind.Learner):
 
         @torch.no_grad()
         def act(given: PolicyInput) -> NDArray[np.float32]:
-            return self.actor(Inputs(*map(torch.from_numpy, given.sensed))).numpy()
+            inputs = Inputs(*(torch.from_numpy(x).to(self._device) for x in given.sensed))
+            return self.actor(inputs).cpu().numpy()
 
         return act
 
@@ -210,6 +214,9 @@ class Learner(kind.Learner):
             self.log_alpha.copy_(state["log_alpha"])
         self.updates = state["updates"]
         self.generator.set_state(state["generator"])
+
+    def _draw(self, inputs: Inputs, noise: Tensor) -> tuple[Tensor, Tensor]:
+        return self.actor.sample(self._features(self.actor, inputs), noise)
 
     def _features(self, network: Policy | Critic, inputs: Inputs) -> Tensor:
         return encode(network.encoder, inputs, self.config.training.bfloat16)

@@ -39,7 +39,7 @@ AddressOption = Annotated[
     typer.Option(
         "--address",
         metavar="HOST:PORT",
-        help="Of the Ray cluster's head; by default the cluster that Ray finds, else this machine.",
+        help="Of the Ray cluster's head, by default RAY_ADDRESS; without both, this machine alone.",
     ),
 ]
 AgentOption = Annotated[

@@ -1,4 +1,4 @@
-"""The executor ``ray``: agents run on the nodes of a Ray cluster, or of one on this machine alone.
+"""The executor ``ray``: agents run on the nodes of a Ray cluster, or of one that is started here.
 
 Each worker is an actor with one processor (``ray_node``), which gets chunks of episodes of one
 agent and streams the answers back. A worker that is lost with its node costs what it had not
@@ -7,7 +7,6 @@ answered, and that goes to another one.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
 import re
@@ -21,12 +20,15 @@ from types import TracebackType
 from typing import Any
 
 from crowdbench.evaluation.executors import Executor, ExecutorError, Reply
+from crowdbench.evaluation.machine import core_count
 from crowdbench.evaluation.parcel import Parcel
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import Lost, Message
 from crowdbench.evaluation.ray_node import Greeting, Node
 from crowdbench.evaluation.work import Work
 
+_LOCAL = "local"
+"""What stands for a Ray that is started on this machine alone."""
 _REACHED_WITHIN = 5.0
 """[s]; Ray itself tries for minutes."""
 _WITHOUT_NODES = 60.0
@@ -61,7 +63,11 @@ class RayExecutor(Executor):
     remote = True
 
     def __init__(self, jobs: int | None, limits: Limits, address: str | None = None) -> None:
-        """Use the cluster of ``address``, else the one that Ray finds, else one on this machine."""
+        """Use the cluster of ``address`` or ``RAY_ADDRESS``, else one of its own on this machine.
+
+        Ray's search for a cluster on this machine is not used: it finds those of others, and dead
+        ones, with which Ray ends the process after a minute.
+        """
         try:
             import ray
         except ImportError as error:
@@ -94,10 +100,10 @@ class RayExecutor(Executor):
         error: BaseException | None,
         place: TracebackType | None,
     ) -> None:
-        idle = [worker for worker in self._workers if worker.owes is None]
-        with contextlib.suppress(self._ray.exceptions.RayError):
-            ends = [worker.actor.close.remote() for worker in idle]
-            self._ray.wait(ends, num_returns=len(ends), timeout=_CLOSING) if ends else None
+        # Those that are busy are ended by Ray, and their processes with them.
+        ends = [worker.actor.close.remote() for worker in self._workers if worker.owes is None]
+        if ends:
+            self._ray.wait(ends, num_returns=len(ends), timeout=_CLOSING)
         for worker in self._workers:
             self._ray.kill(worker.actor)
         self._workers.clear()
@@ -131,32 +137,27 @@ class RayExecutor(Executor):
                     yield reply
 
     def _connect(self) -> None:
-        """Find a cluster or start one.
+        """Connect to the cluster, or start one on this machine.
 
         Raises:
             ExecutorError: there is none at the address, or it cannot be used.
         """
-        ray, address = self._ray, self._address or os.environ.get("RAY_ADDRESS")
+        address = self._address or os.environ.get("RAY_ADDRESS") or _LOCAL
         settings: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-        if address not in (None, "auto", "local"):
+        if address == _LOCAL:
+            settings |= {"num_cpus": core_count(), "include_dashboard": False}
+            settings |= {"object_store_memory": _OBJECT_STORE}
+        else:
             _require_reachable(address)
         try:
-            try:
-                if address == "local":
-                    raise ConnectionError
-                ray.init(address=address or "auto", **settings)
-            except ConnectionError:
-                if address not in (None, "local"):
-                    raise
-                ray.init(
-                    address="local",
-                    object_store_memory=_OBJECT_STORE,
-                    include_dashboard=False,
-                    **settings,
-                )
+            self._ray.init(address=address, **settings)
         except Exception as error:
             told = " ".join(str(error).split())
-            raise ExecutorError(f"Ray at {address or 'this machine'}: {told}") from error
+            if isinstance(error, ConnectionError) and "RAY_AUTH_MODE" not in os.environ:
+                told += (
+                    "; clusters that `ray start` makes want the user's token: RAY_AUTH_MODE=token"
+                )
+            raise ExecutorError(f"Ray at {address}: {told}") from error
 
     def _count_processors(self) -> int:
         now = time.monotonic()
@@ -254,8 +255,8 @@ def _require_reachable(address: str) -> None:
     host, separator, port = address.rpartition(":")
     if "://" in address or not separator or not port.isdigit():
         raise ExecutorError(
-            f"Ray address {address!r}: expected HOST:PORT of the cluster's head (as `ray start "
-            "--head` says it), auto or local"
+            f"Ray address {address!r}: expected HOST:PORT of the cluster's head, as `ray start "
+            f"--head` says it, or {_LOCAL}"
         )
     try:
         with socket.create_connection((host, int(port)), timeout=_REACHED_WITHIN) as connection:

@@ -199,7 +199,9 @@ def test_without_ray_the_extra_is_named(monkeypatch):
         RayExecutor(1, Limits())
 
 
-@pytest.mark.parametrize("address", ["head", "ray://head:10001", "head:port", "head:6379/x"])
+@pytest.mark.parametrize(
+    "address", ["head", "auto", "ray://head:10001", "head:port", "head:6379/x"]
+)
 def test_what_is_no_address_is_refused(address):
     pytest.importorskip("ray")
     with pytest.raises(ExecutorError, match=r"expected HOST:PORT of the cluster's head"):
@@ -218,3 +220,21 @@ def test_where_no_cluster_answers_that_is_said(monkeypatch):
     monkeypatch.setenv("RAY_ADDRESS", silent)
     with pytest.raises(ExecutorError, match=f"no Ray cluster at {silent}"):
         RayExecutor(1, Limits()).__enter__()
+
+
+def test_a_cluster_that_may_want_a_token_is_told_of(monkeypatch):
+    ray = pytest.importorskip("ray")
+
+    def refuse(**settings):
+        raise ConnectionError("Failed to connect\nto Ray")
+
+    monkeypatch.setattr(ray, "init", refuse)
+    monkeypatch.setattr("crowdbench.evaluation.ray_executor._require_reachable", lambda address: 0)
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    with pytest.raises(
+        ExecutorError, match=r"Ray at head:1: Failed to connect to Ray; .*MODE=token"
+    ):
+        RayExecutor(1, Limits(), "head:1").__enter__()
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    with pytest.raises(ExecutorError, match=r"Failed to connect to Ray$"):
+        RayExecutor(1, Limits(), "head:1").__enter__()

@@ -9,7 +9,7 @@ from crowdbench_agents.latent_planner.training import train
 from crowdbench_agents.latent_planner.world_model import FORMAT, load_world_model
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
-from crowdbench_agents.learning.kind_run import KindRun
+from crowdbench_agents.learning.run import TrainingRun
 
 import crowdbench
 
@@ -59,7 +59,7 @@ def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, mon
 def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
     in_empty_folder, overrides, monkeypatch, number
 ):
-    step = KindRun.step
+    step = TrainingRun.step
 
     def interrupted(run):
         if run.steps == 40:
@@ -67,7 +67,7 @@ def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
                 signal.raise_signal(number)
         step(run)
 
-    monkeypatch.setattr(KindRun, "step", interrupted)
+    monkeypatch.setattr(TrainingRun, "step", interrupted)
     folder = train("short", steps=400, actors=0, overrides=overrides)
     assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 44
     train("short", steps=80, resume=True, actors=0, overrides=overrides)

@@ -8,7 +8,7 @@ import pytest
 import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
-from crowdbench_agents.learning.kind_run import KindRun
+from crowdbench_agents.learning.run import TrainingRun
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import KIND, train
@@ -16,7 +16,7 @@ from crowdbench_agents.sac.training import KIND, train
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = KindRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
@@ -46,7 +46,7 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = KindRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
     run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
@@ -94,7 +94,7 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
 
     monkeypatch.setattr(Learner, "update", interrupted)
     changes = overrides | {"training.pretraining": pretraining}
-    folder = train("short", steps=10_000, overrides=changes)
+    folder = train("short", steps=10_000, overrides=changes, actors=0)
     counters = load_checkpoint(folder, FORMAT)["counters"]
     assert counters["updates"] == 1
     assert counters["steps"] < 100
@@ -106,5 +106,5 @@ def test_a_run_says_its_arithmetic_and_goes_on_in_another(
     changes = overrides | {"training.bfloat16": True}
     for steps, instructions, said in ((20, True, "bfloat16"), (40, False, "float32 (this CPU")):
         monkeypatch.setattr(precision, "cpu_has_bfloat16", lambda has=instructions: has)
-        train("moved", steps=steps, resume=steps > 20, overrides=changes)
+        train("moved", steps=steps, resume=steps > 20, overrides=changes, actors=0)
         assert f"networks learn in {said}" in " ".join(capsys.readouterr().out.split())
