@@ -159,7 +159,10 @@ class Episodes:
         contacts = np.full(ended.shape, None, dtype=object)
         for i, r in np.argwhere(ended).tolist():
             contacts[i, r] = worlds.episode(int(lanes[i])).bodies.touched(r)
-            worlds.remove(int(lanes[i]), r)
+            if robots["active"][lanes[i]].sum() > 1:
+                worlds.remove(int(lanes[i]), r)
+            else:  # nothing moves here any more
+                robots["active"][lanes[i], r] = False
         late = self._steps[lanes] >= self._limits[self.scenario[lanes]]
         outcome[late[:, None] & acted & ~ended] = TIMEOUT
         self.over[lanes] = late | ~robots["active"][lanes].any(axis=1)
