@@ -23,6 +23,7 @@ from crowdbench.evaluation.driven import Driven, ResimulationError
 from crowdbench.evaluation.executors import EXECUTORS, Executor
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import (
+    MOST_WARNINGS,
     Answer,
     Broken,
     Describe,
@@ -272,11 +273,14 @@ def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
 
 
 def _pass_on_warnings(agent: str, answer: Answer | Lost, warned: set[tuple[str, str]]) -> None:
-    """Warn of what an agent warned of in its process, of each thing once in a run."""
+    """Warn of what an agent warned of in its process, of each thing once and of some in a run."""
+    told = sum(name == agent for name, _ in warned)
     for text in answer.warned if isinstance(answer, Done) else ():
-        if (agent, text) not in warned:
+        if (agent, text) not in warned and told <= MOST_WARNINGS:
             warned.add((agent, text))
-            warnings.warn(f"agent {agent!r}: {text}", stacklevel=3)
+            told += 1
+            shown = text if told <= MOST_WARNINGS else "further warnings of this run are not shown"
+            warnings.warn(f"agent {agent!r}: {shown}", stacklevel=3)
 
 
 def _last_line(broken: Broken) -> str:

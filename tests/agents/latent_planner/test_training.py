@@ -4,11 +4,13 @@ import contextlib
 import shutil
 import signal
 
+import numpy as np
 import pytest
 from crowdbench_agents.latent_planner.training import train
 from crowdbench_agents.latent_planner.world_model import FORMAT, load_world_model
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.replay import EXPERT, PLANNER
 from crowdbench_agents.learning.run import TrainingRun
 
 import crowdbench
@@ -89,3 +91,12 @@ def test_a_run_goes_on_in_other_processes_and_without_its_replay(in_empty_folder
     assert seen == sorted(set(seen)), "no episode comes twice"
     decisions = [state["acting"]["decisions"] for state in (before, filling, after)]
     assert decisions == sorted(set(decisions))
+
+
+def test_states_of_the_past_are_planned_again_where_mppi_does_not_act(in_empty_folder, overrides):
+    changes = {"training.planning_environments": 0, "training.replanned_states": 1.5}
+    folder = train("lazy", steps=160, actors=0, overrides=overrides | changes)
+    source = np.load(folder / "replay" / "source.npy")
+    # 60 states in 40 steps, less those that are final or come twice
+    assert 30 <= (source == PLANNER).sum() <= 60
+    assert (source[-1] == EXPERT).sum() == 40, "labels of the expert stay"
