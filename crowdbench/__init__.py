@@ -4,7 +4,8 @@ The names in ``__all__`` are the public interface:
 
 - environments: ``parallel_env`` makes one for PettingZoo (a ``CrowdEnv``);
   ``gymnasium.make("crowdbench:CrowdNav-v0", scenario=...)`` one for Gymnasium (a ``CrowdNavEnv``);
-  ``vector_env`` makes many at once (a ``CrowdVectorEnv``);
+  ``vector_env`` makes many at once (a ``CrowdVectorEnv``), ``parallel_vector_env`` many with
+  several robots (a ``CrowdParallelVectorEnv``);
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
@@ -41,6 +42,10 @@ if TYPE_CHECKING:
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
     from crowdbench.simulation.orca import orca_velocities
+    from crowdbench.simulation.parallel_vector_env import (
+        CrowdParallelVectorEnv,
+        parallel_vector_env,
+    )
     from crowdbench.simulation.vector_env import CrowdVectorEnv, vector_env
     from crowdbench.simulation.walking import Crowd, WalkingModel
 
@@ -49,6 +54,7 @@ _LAZY = {
     "Crowd": "crowdbench.simulation.walking",
     "CrowdEnv": "crowdbench.simulation.env",
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
+    "CrowdParallelVectorEnv": "crowdbench.simulation.parallel_vector_env",
     "CrowdVectorEnv": "crowdbench.simulation.vector_env",
     "Drive": "crowdbench.simulation.kinematics",
     "Episode": "crowdbench.evaluation.episode",
@@ -56,6 +62,7 @@ _LAZY = {
     "orca_velocities": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
     "parallel_env": "crowdbench.simulation.env",
+    "parallel_vector_env": "crowdbench.simulation.parallel_vector_env",
     "vector_env": "crowdbench.simulation.vector_env",
 }
 
@@ -67,6 +74,7 @@ __all__ = [
     "Crowd",
     "CrowdEnv",
     "CrowdNavEnv",
+    "CrowdParallelVectorEnv",
     "CrowdVectorEnv",
     "Drive",
     "Episode",
@@ -81,6 +89,7 @@ __all__ = [
     "load_scenario",
     "orca_velocities",
     "parallel_env",
+    "parallel_vector_env",
     "read_yaml",
     "scenario_names",
     "vector_env",

@@ -164,6 +164,7 @@ def _touch(arbiter, _space, hook):  # type: ignore[no-untyped-def]
         contacts[robot, 3] = -(ux * (sign * x) + uy * (sign * y))
 
 
+_IDENTITY = ffi.new("cpTransform *", (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))[0]
 _BEGIN = ffi.cast("cpCollisionBeginFunc", _touch.address)
 
 
@@ -203,11 +204,10 @@ class Bodies:
         self._bodies: list[Any] = []
         self._shapes: list[Any] = []
         ground = lib.cpSpaceGetStaticBody(self._space)
-        identity = ffi.new("cpTransform *", (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))[0]
         for r, (x, y, heading) in enumerate(pose.tolist()):
             body = self._add_body(_MASS_OF_ROBOT, x, y)
             lib.cpBodySetAngle(body, heading)
-            shape = lib.cpPolyShapeNew(body, len(corners), corners, identity, 0.0)
+            shape = lib.cpPolyShapeNew(body, len(corners), corners, _IDENTITY, 0.0)
             lib.cpShapeSetCollisionType(shape, _COLLIDES)
             self._add_shape(shape, _ROBOT, r)
         for p, (x, y) in enumerate(position.tolist()):

@@ -140,6 +140,12 @@ class Episodes:
         """(N, R, PROPRIOCEPTION + beams) latest observations, as ``as_observation`` names them."""
         return self._worlds.state.seen
 
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """(N, R) which robots are in the scene."""
+        present: NDArray[np.bool_] = self._worlds.state.robots["active"]
+        return present
+
     def step(self, lanes: NDArray[np.int64], commands: NDArray[np.float64]) -> Step:
         """Advance some lanes whose episodes are running by a control period.
 
@@ -159,7 +165,10 @@ class Episodes:
         contacts = np.full(ended.shape, None, dtype=object)
         for i, r in np.argwhere(ended).tolist():
             contacts[i, r] = worlds.episode(int(lanes[i])).bodies.touched(r)
-            worlds.remove(int(lanes[i]), r)
+            if robots["active"][lanes[i]].sum() > 1:
+                worlds.remove(int(lanes[i]), r)
+            else:  # nothing moves here any more
+                robots["active"][lanes[i], r] = False
         late = self._steps[lanes] >= self._limits[self.scenario[lanes]]
         outcome[late[:, None] & acted & ~ended] = TIMEOUT
         self.over[lanes] = late | ~robots["active"][lanes].any(axis=1)
@@ -175,6 +184,21 @@ class Episodes:
             return 0
         bounds = np.cumsum(self._shares)
         return int(np.searchsorted(bounds / bounds[-1], self._draws[lane].random(), side="right"))
+
+
+def read_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+    """The seed of each of ``count`` lanes.
+
+    Raises:
+        ValueError: a list of another length.
+    """
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, (int, np.integer)):
+        return [int(seed) + lane for lane in range(count)]
+    if len(seed) != count:
+        raise ValueError(f"seed: {len(seed)} seeds for {count} lanes")
+    return [None if one is None else int(one) for one in seed]
 
 
 def load_all(

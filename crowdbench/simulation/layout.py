@@ -123,8 +123,10 @@ def _place_robots(
                 if effort == _CENTRED
                 else np.array([_other_line(scenario, rng) for _ in range(_BATCH)])
             )
-            gaps = np.linalg.norm(ends[:, :, None] - others[None, None], axis=3)
-            nearest = gaps.min(axis=(1, 2), initial=np.inf)
+            nearest = np.full(len(ends), np.inf)
+            if r:
+                gaps = np.linalg.norm(ends[:, :, None] - others[None, None], axis=3)
+                nearest = gaps.min(axis=(1, 2))
             free = nearest > gap
             if free.any():
                 break

@@ -55,7 +55,7 @@ from numpy.typing import NDArray
 from crowdbench.agent import RobotSpec
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation import observations
-from crowdbench.simulation.episodes import Episodes, Step, load_all
+from crowdbench.simulation.episodes import Episodes, Step, load_all, read_seeds
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
 from crowdbench.simulation.sensing import as_observation
@@ -159,7 +159,7 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
         """
         self._check_open()
         mask, scenarios = self._read_options(options or {})
-        seeds = self._read_seeds(seed)
+        seeds = read_seeds(seed, self.num_envs)
         if not (self._begun or mask.all()):
             raise ValueError("reset_mask: every lane has to begin first; call reset() without it")
         lanes = np.flatnonzero(mask)
@@ -298,16 +298,6 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
             lane = int(lanes[np.argmin(finite)])
             raise ValueError(f"action of lane {lane}: expected finite numbers, got {array[lane]}")
         return np.minimum(np.maximum(acting, self._low), self._high)[:, None]
-
-    def _read_seeds(self, seed: Any) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + lane for lane in range(self.num_envs)]
-        seeds = [None if one is None else int(one) for one in seed]
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} lanes")
-        return seeds
 
     def _read_options(self, options: dict[str, Any]) -> tuple[NDArray[np.bool_], list[int | None]]:
         """Lanes to begin, and their scenarios."""

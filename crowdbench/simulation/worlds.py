@@ -56,7 +56,7 @@ class Episode:
         seed: that fixes it.
         layout: where everything began.
         bodies: what Chipmunk moves.
-        model: how pedestrians walk, and the compiled function that does it, if there is one.
+        model: how pedestrians walk.
         streams: of the pedestrians' legs.
         noise: of the robots' LiDARs, where these are noisy.
     """
@@ -66,7 +66,6 @@ class Episode:
     layout: Layout
     bodies: Bodies
     model: WalkingModel
-    kernel: Callable[..., None] | None
     streams: list[np.random.Generator]
     noise: list[np.random.Generator]
 
@@ -85,6 +84,8 @@ class Worlds:
         self.episodes: list[Episode | None] = [None] * lanes
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
+        self._kernels: list[Callable[..., None] | None] = [None] * lanes
+        self._noisy: set[int] = set()
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -125,11 +126,12 @@ class Worlds:
         noisy = state.robots.shape[1] if prepared.noisy else 0
         noise = [streams.lidar(seed, r) for r in range(noisy)]
         before = self.episodes[lane]
-        kernel = walking.kernel_of(model)
-        self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, kernel, drawing, noise)
+        self._kernels[lane] = walking.kernel_of(model)
+        (self._noisy.add if noisy else self._noisy.discard)(lane)
+        self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, noise)
         if before is not None:
             before.bodies.free()
-        if kernel is None:
+        if self._kernels[lane] is None:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
             model.reset(self._crowd(lane), streams.walking(seed))
 
@@ -142,16 +144,14 @@ class Worlds:
         s = self.state
         if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
             self._draw()
-        waiting: dict[Callable[..., None] | None, list[int]] = {}
-        for lane in lanes.tolist():
-            waiting.setdefault(self.episode(lane).kernel, []).append(lane)
-        for kernel, which in waiting.items():
+        kernels = [self._kernels[lane] for lane in lanes.tolist()]
+        for kernel in set(kernels):
+            which = lanes[np.array([other is kernel for other in kernels])]
             if kernel is None:
-                for lane in which:
+                for lane in which.tolist():
                     self._choose_in_python(lane)
             else:
-                walkers = lanes if len(waiting) == 1 else np.array(which)
-                kernel(walkers, s.worlds, s.robots, s.people, s.obstacles, s.walls, s.sees)
+                kernel(which, s.worlds, s.robots, s.people, s.obstacles, s.walls, s.sees)
 
     def move(self, lanes: Lanes, commands: NDArray[np.float64]) -> None:
         """Move robots and pedestrians together, for one control period.
@@ -178,7 +178,7 @@ class Worlds:
         if s.robots.shape[1] > 1:
             outline(lanes, s.worlds, s.robots)
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
-        for lane in lanes.tolist():
+        for lane in self._noisy.intersection(lanes.tolist()):
             episode = self.episode(lane)
             for r, noise in enumerate(episode.noise):
                 if s.robots["active"][lane, r]:
@@ -226,10 +226,11 @@ class Worlds:
         people = s.people[lane, : settings.count]
         low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
-        for p, stream in enumerate(drawing):
-            draws = stream.random(1 + LEGS_AHEAD * DRAWS)
-            people["speed"][p] = low + (high - low) * draws[0]
-            s.draws[lane, p] = draws[1:].reshape(LEGS_AHEAD, DRAWS)
+        draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
+        for row, stream in zip(draws, drawing, strict=True):
+            stream.random(out=row)
+        people["speed"] = low + (high - low) * draws[:, 0]
+        s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
         people["position"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
