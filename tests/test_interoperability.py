@@ -10,7 +10,6 @@ import supersuit
 import torch
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as check_gymnasium
-from gymnasium.vector import AutoresetMode
 from pages import unpack
 from pettingzoo.test import (
     api_test,
@@ -170,13 +169,8 @@ def test_stable_baselines3_sees_a_vector_of_environments_as_its_own(tmp_path, mo
     vectors = importlib.import_module("vectors")
     both = [
         vectors.Vectors(
-            gymnasium.make_vec(
-                "crowdbench:CrowdNav-v0",
-                num_envs=3,
-                vectorization_mode="sync",
-                vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP},
-                scenario="multimodal_fast",
-                time_limit=4.0,
+            crowdbench.vector_env(
+                "multimodal_fast", num_envs=3, autoreset_mode="SameStep", time_limit=4.0
             )
         ),
         DummyVecEnv([lambda: make_gymnasium(time_limit=4.0)] * 3),

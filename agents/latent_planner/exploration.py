@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.latent_planner.mppi import encode_views, plan
-from crowdbench_agents.latent_planner.plain import PlainEvaluator
+from crowdbench_agents.latent_planner.batched import BatchedEvaluator
+from crowdbench_agents.latent_planner.mppi import Plan, encode_views, plan
 from crowdbench_agents.latent_planner.plan_queue import PlanQueue
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning import kind
@@ -49,10 +49,10 @@ class Explorer(kind.Explorer):
         self.decisions = 0
         self.rng = np.random.default_rng(seed)
         self.generator = torch.Generator().manual_seed(seed)
-        self._model, self._config = model, config
+        self._model, self._config, self._bounds = model, config, bounds
         self._half = torch.from_numpy(bounds.half)
         count, horizon = len(lanes), config.planner.horizon
-        self._evaluator = PlainEvaluator(model)
+        self._evaluator = BatchedEvaluator(model)
         self._queue = PlanQueue(count, horizon)
         self._left = np.zeros(count, np.int64)
         self._exploring = np.zeros(count, bool)
@@ -81,6 +81,24 @@ class Explorer(kind.Explorer):
         """Decide where a decision is due and return everybody's next action."""
         with training_precision(self._config.training.bfloat16):
             return self._act(sensed)
+
+    @torch.no_grad()
+    def plan_again(self, sensed: Sensed) -> NDArray[np.float32]:
+        """First actions (M, 2) of plans in M observations, without what was planned before."""
+        inputs = Inputs(*map(torch.from_numpy, sensed))
+        with training_precision(self._config.training.bfloat16):
+            z = self._model.encode(inputs)
+            before = torch.from_numpy(self._bounds.normalised(sensed.velocity).astype(np.float32))
+            return self._plan(z, inputs, before, None).actions[:, 0].numpy()
+
+    def _plan(
+        self, z: torch.Tensor, inputs: Inputs, before: torch.Tensor, start: torch.Tensor | None
+    ) -> Plan:
+        planner, discount = self._config.planner, self._config.loss.discount
+        views = encode_views(self._model, z, inputs, planner)
+        return plan(
+            self._evaluator, views, before, planner, discount, self._half, self.generator, start
+        )
 
     def _act(self, sensed: Sensed) -> Acts:
         count = len(self._left)
@@ -111,11 +129,7 @@ class Explorer(kind.Explorer):
         due = due[self._planning[due]]
         if len(due):
             seen = Inputs(*(x[due] for x in inputs))
-            views = encode_views(self._model, z[due], seen, self._config.planner)
-            made = plan(
-                self._evaluator, views, self._last[due], self._config.planner,
-                self._config.loss.discount, self._half, self.generator, self._queue.rest(due),
-            )  # fmt: skip
+            made = self._plan(z[due], seen, self._last[due], self._queue.rest(due))
             self._queue.put(due, made.actions)
 
     def state(self) -> dict[str, Any]:

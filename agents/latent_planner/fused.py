@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
 import torch
-from crowdbench_agents.latent_planner.scoring import Scoring
+from crowdbench_agents.latent_planner.scoring import Scoring, ViewByView
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.inputs import ACTION
 from torch import Tensor, nn
@@ -54,6 +54,11 @@ class FusedEvaluator:
         latent = model.settings.latent
         self._one, self._zero = torch.ones(latent), torch.zeros(latent)
         self._pool = _single_threaded_pool(threads) if threads > 1 else None
+
+    def views(self, views: Tensor, signs: Tensor, scoring: Scoring) -> ViewByView:
+        """The states (V, 1, latent) of the robot in all views."""
+        each = zip(views, signs, strict=True)
+        return ViewByView([self.view(z, sign, scoring) for z, sign in each])
 
     def view(self, z: Tensor, sign: Tensor, scoring: Scoring) -> FusedView:
         """The view in which the robot's state is z (1, latent)."""

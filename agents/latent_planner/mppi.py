@@ -7,11 +7,10 @@ Gaussian. Who predicts the returns is an ``Evaluator``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from crowdbench_agents.latent_planner.scoring import Evaluator, Score, Scoring, View
+from crowdbench_agents.latent_planner.scoring import Evaluator, Score, Scoring
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.config import Planner
 from crowdbench_agents.learning.inputs import ACTION, REFLECT, Inputs
@@ -79,9 +78,7 @@ def plan(
     """
     robots, horizon = views.shape[1], settings.horizon
     scoring = Scoring(settings, discount, score)
-    seen = [
-        evaluator.view(z, sign, scoring) for z, sign in zip(views, view_signs(views), strict=True)
-    ]
+    seen = evaluator.views(views, view_signs(views), scoring)
 
     def penalty(candidates: Tensor) -> Tensor:
         return settings.smoothness_weight * smoothness_penalty(candidates, previous, half_range)
@@ -92,7 +89,11 @@ def plan(
     guided = round(settings.policy_share * settings.candidates)
     from_policy_first = settings.start == "policy"
     # What the policy proposes stays the same over the iterations and is scored once.
-    known, returns = _propose(seen, draw(guided), noiseless_first=from_policy_first)
+    noise = draw(guided)
+    if from_policy_first:
+        for part in noise.tensor_split(len(views), dim=1):
+            part[:, :1] = 0.0
+    known, returns = seen.follow_policy(noise)
     scores = returns - penalty(known)
     if from_policy_first and guided:
         mean = known[:, 0]
@@ -105,28 +106,13 @@ def plan(
         sampled = mean[:, None] + std[:, None] * draw(settings.candidates - guided)
         fresh = torch.cat([unscored, sampled.clamp(-1, 1)], dim=1)
         candidates = torch.cat([known, fresh], dim=1)
-        fresh_scores = torch.stack([view.returns(fresh) for view in seen]).mean(dim=0)
+        fresh_scores = seen.returns(fresh).mean(dim=0)
         all_scores = torch.cat([scores, fresh_scores - penalty(fresh)], dim=1)
         mean, std, best = refit(candidates, all_scores, settings)
         kept = known.shape[1] + unscored.shape[1]
         known, scores = candidates[:, :kept], all_scores[:, :kept]
         unscored = unscored[:, :0]
     return Plan(mean, std, best)
-
-
-def _propose(
-    seen: Sequence[View], noise: Tensor, *, noiseless_first: bool
-) -> tuple[Tensor, Tensor]:
-    """The policy's candidates in all views, (M, N, H, 2) for noise of that shape, and returns."""
-    candidates, returns = [], []
-    for view, part in zip(seen, noise.tensor_split(len(seen), dim=1), strict=True):
-        if noiseless_first:
-            part[:, :1] = 0.0
-        actions, here = view.follow_policy(part)
-        elsewhere = [other.returns(actions) for other in seen if other is not view]
-        candidates.append(actions)
-        returns.append(torch.stack([here, *elsewhere]).mean(dim=0))
-    return torch.cat(candidates, dim=1), torch.cat(returns, dim=1)
 
 
 def refit(candidates: Tensor, scores: Tensor, settings: Planner) -> Plan:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from crowdbench_agents.latent_planner.scoring import Scoring
+from crowdbench_agents.latent_planner.scoring import Scoring, ViewByView
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from torch import Tensor
 
@@ -17,6 +17,11 @@ class PlainEvaluator:
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
+
+    def views(self, views: Tensor, signs: Tensor, scoring: Scoring) -> ViewByView:
+        """The states (V, M, latent) in all views."""
+        each = zip(views, signs, strict=True)
+        return ViewByView([self.view(z, sign, scoring) for z, sign in each])
 
     def view(self, z: Tensor, sign: Tensor, scoring: Scoring) -> PlainView:
         """The view in which the robots' states are z (M, latent)."""

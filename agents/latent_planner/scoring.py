@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, Protocol
 
+import torch
 from crowdbench_agents.learning.config import Planner
 from torch import Tensor
 
@@ -54,14 +56,53 @@ class View(Protocol):
         """Candidates (M, N, H, 2) of the policy, with noise of that shape, and their returns."""
 
 
+class Views(Protocol):
+    """The present states of M robots in V views; what they predict is as in ``View``."""
+
+    def returns(self, candidates: Tensor) -> Tensor:
+        """(M, N, H, 2) -> (V, M, N)."""
+
+    def follow_policy(self, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Candidates (M, N, H, 2) of the policy, and their mean returns (M, N) over the views.
+
+        Args:
+            noise: (M, N, H, 2); each view proposes its share.
+        """
+
+
 class Evaluator(Protocol):
     """Predicts returns with a world model."""
 
-    def view(self, z: Tensor, sign: Tensor, scoring: Scoring) -> View:
-        """The view in which the robots' states are z (M, latent).
+    def views(self, views: Tensor, signs: Tensor, scoring: Scoring) -> Views:
+        """The robots' states in all views.
 
         Args:
-            z: latent states.
-            sign: (2,) factors that turn actions of the world as it is into those of the view.
+            views: (V, M, latent) latent states.
+            signs: (V, 2) factors that turn actions of the world as it is into those of each view.
             scoring: what returns are made of.
         """
+
+
+class ViewByView:
+    """``Views`` that are evaluated one after the other.
+
+    Args:
+        each: of them.
+    """
+
+    def __init__(self, each: Sequence[View]) -> None:
+        self._each = each
+
+    def returns(self, candidates: Tensor) -> Tensor:
+        """(M, N, H, 2) -> (V, M, N)."""
+        return torch.stack([view.returns(candidates) for view in self._each])
+
+    def follow_policy(self, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Candidates (M, N, H, 2) of the policy, and their mean returns (M, N) over the views."""
+        candidates, returns = [], []
+        for view, part in zip(self._each, noise.tensor_split(len(self._each), dim=1), strict=True):
+            actions, here = view.follow_policy(part)
+            elsewhere = [other.returns(actions) for other in self._each if other is not view]
+            candidates.append(actions)
+            returns.append(torch.stack([here, *elsewhere]).mean(dim=0))
+        return torch.cat(candidates, dim=1), torch.cat(returns, dim=1)

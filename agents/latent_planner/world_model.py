@@ -41,8 +41,12 @@ class Mlp(nn.Sequential):
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., inputs) -> (..., outputs)."""
+        return self.behind_first(self[0](x))
+
+    def behind_first(self, x: Tensor) -> Tensor:
+        """The outputs for what the first layer returns."""
         *hidden, last = self
-        for layer in hidden:
+        for layer in hidden[1:]:
             x = layer(x)
         if not self._float32_output:
             return last(x)
@@ -98,7 +102,10 @@ class WorldModel(nn.Module):
 
     def next(self, z: Tensor, action: Tensor) -> Tensor:
         """z' = d(z, a): (..., latent), (..., 2) -> (..., latent)."""
-        change = self.dynamics(torch.cat([z, action], dim=-1))
+        return self.advance(z, self.dynamics(torch.cat([z, action], dim=-1)))
+
+    def advance(self, z: Tensor, change: Tensor) -> Tensor:
+        """The next state, for what the dynamics network returns in z."""
         return self.normalise(z + change if self.settings.dynamics == "residual" else change)
 
     def reward_and_end(self, z: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:

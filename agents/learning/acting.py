@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import torch
 from crowdbench_agents.learning.rollout import Rollout
 from torch import nn
 
@@ -85,14 +84,13 @@ class InProcess(Acting):
         self._rollout.begin()
 
     def step(self) -> None:
-        """One control step in every environment."""
-        self._rollout.step()
-
-    @torch.no_grad()
-    def updated(self) -> None:
-        """Follow the networks where they are elsewhere."""
+        """One control step in every environment, by the networks as they are now."""
         if self._network is not self._learned:
             self._network.load_state_dict(self._learned.state_dict())
+        self._rollout.step()
+
+    def updated(self) -> None:
+        """Nothing is to be done before the next step."""
 
     def seconds(self) -> dict[str, float]:
         """Seconds since this was last asked, by what they were spent on."""

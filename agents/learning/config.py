@@ -144,6 +144,11 @@ class Training(_Section):
 
     environments: Count = Field(32, description="stepped together")
     planning_environments: int = Field(16, ge=0, description="in which MPPI acts")
+    replanned_states: NonNegative = Field(
+        0.0,
+        description="states of the past that are planned again, and then imitated, per step of all "
+        "environments (lazy reanalysis, Wang et al., BMPC, 2025)",
+    )
     epsilon_start: Share = Field(0.5)
     epsilon_end: Share = Field(0.05)
     epsilon_decisions: Count = Field(25_000)

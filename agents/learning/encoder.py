@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import torch
+from crowdbench_agents.learning.first_layer import convolve_bits
 from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.perception import FRAMES
 from torch import Tensor, nn
@@ -39,18 +40,26 @@ class Encoder(nn.Module):
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Inputs (B, ...) -> features (B, latent), not yet normalised."""
-        frames = (inputs.map.unsqueeze(-3) & self._frame).clamp(max=1)
+        distance = inputs.goal.norm(dim=-1, keepdim=True).clamp(min=1e-3)
+        goal = torch.cat(
+            [inputs.goal / _DISTANCE_SCALE, distance / _DISTANCE_SCALE, inputs.goal / distance], -1
+        )
+        parts = [self._see(inputs.map), self.f_vel(inputs.velocity), self.f_goal(goal)]
+        return self.fuse(torch.cat(parts, dim=-1))
+
+    def _see(self, maps: Tensor) -> Tensor:
+        """f_map of maps (B, cells, cells)."""
+        first = self.f_map[0]
+        if self.training and not self._fine and maps.device.type == "cpu":
+            assert isinstance(first, nn.Conv3d)
+            return self.f_map[1:](convolve_bits(maps, first))
+        frames = (maps.unsqueeze(-3) & self._frame).clamp(max=1)
         frames = frames.to(self.fuse.weight.dtype)
         if self._fine:
             frames = frames.contiguous(memory_format=torch.channels_last)
         else:
             frames = frames.unsqueeze(1)
-        distance = inputs.goal.norm(dim=-1, keepdim=True).clamp(min=1e-3)
-        goal = torch.cat(
-            [inputs.goal / _DISTANCE_SCALE, distance / _DISTANCE_SCALE, inputs.goal / distance], -1
-        )
-        parts = [self.f_map(frames), self.f_vel(inputs.velocity), self.f_goal(goal)]
-        return self.fuse(torch.cat(parts, dim=-1))
+        return self.f_map(frames)
 
 
 def _coarse_map() -> nn.Sequential:

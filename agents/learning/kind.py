@@ -58,6 +58,17 @@ class Explorer(ABC):
             sensed: observations of all E environments.
         """
 
+    def plan_again(self, sensed: Sensed) -> NDArray[np.float32] | None:
+        """What is to be imitated in observations of the past, as things are seen now.
+
+        Args:
+            sensed: M observations.
+
+        Returns:
+            (M, 2) actions in [-1, 1], or None from those who do not plan.
+        """
+        return None
+
     @abstractmethod
     def state(self) -> dict[str, Any]:
         """Counters and random state: tensors, numbers and text."""

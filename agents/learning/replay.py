@@ -145,6 +145,46 @@ class Replay:
             begun = lanes[self._written[lanes] > 0]
             self._data.final[begun, (self._written[begun] - 1) % self.rows] = True
 
+    def draw_observations(
+        self, lanes: NDArray[np.integer], count: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.integer], Sensed]:
+        """Draw single observations in which something was done that no expert has labelled.
+
+        Args:
+            lanes: (N,) to draw from.
+            count: how many at most; others that are drawn are left out.
+            rng: of all draws.
+
+        Returns:
+            (M, 2) which they are, by lane and number of the row, and the observations.
+        """
+        lengths = self.lengths()
+        lane = rng.choice(lanes[lengths[lanes] > 0], size=count)
+        number = self._written[lane] - 1 - rng.integers(lengths[lane])
+        data, at = self._data, (lane, number % self.rows)
+        wanted = ~data.final[at] & (data.source[at] != EXPERT)
+        lane, number = lane[wanted], number[wanted]
+        at = lane, number % self.rows
+        return np.stack([lane, number], axis=-1), Sensed(
+            data.map[at], data.velocity[at], data.goal[at]
+        )
+
+    def replace_references(
+        self, which: NDArray[np.integer], reference: NDArray[np.float32], source: int
+    ) -> None:
+        """Give observations drawn before another reference, where they are still there.
+
+        Args:
+            which: (M, 2) as from ``draw_observations``.
+            reference: (M, 2) actions in [-1, 1].
+            source: whose they are.
+        """
+        with self._lock:
+            lane, number = which.T
+            kept = number >= self._written[lane] - self.rows
+            at = lane[kept], number[kept] % self.rows
+            self._data.reference[at], self._data.source[at] = reference[kept], source
+
     def sample(
         self,
         count: int,

@@ -6,7 +6,7 @@ import numpy as np
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.kind import Kind
-from crowdbench_agents.learning.replay import EXPERT, Replay
+from crowdbench_agents.learning.replay import EXPERT, PLANNER, Replay
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.stopwatch import Stopwatch
 from crowdbench_agents.learning.vector_env import VectorEnv
@@ -51,6 +51,8 @@ class Rollout:
         unlabelled = settings.environments - settings.labelled_environments
         self._experts = Experts(settings.expert, self._envs, np.flatnonzero(lanes >= unlabelled))
         self.explorer = kind.explorer(network, config, self._envs.bounds, lanes, seed)
+        self._config, self._owed = config, 0.0
+        self._rng = np.random.default_rng([seed, 4])
         self.steps = 0
         self.watch = Stopwatch()
 
@@ -80,6 +82,21 @@ class Rollout:
             self._sampler.record(envs.scenario[index], result.outcome[index] == "success")
         if len(over):
             self._begin(over)
+        self._replan()
+
+    def _replan(self) -> None:
+        """Plan again in some of what has been seen before (BMPC's lazy reanalysis)."""
+        settings = self._config.training
+        # Of the states that are planned again for all environments together, the share of these.
+        self._owed += settings.replanned_states * len(self._lanes) / settings.environments
+        if self._owed < 1:
+            return
+        count, self._owed = int(self._owed), self._owed % 1
+        with self.watch("acting"):
+            which, sensed = self._replay.draw_observations(self._lanes, count, self._rng)
+            plans = self.explorer.plan_again(sensed) if len(which) else None
+        if plans is not None:
+            self._replay.replace_references(which, plans, PLANNER)
 
     def _begin(self, which: NDArray[np.integer]) -> None:
         envs = self._envs

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from crowdbench_agents.learning.acting import Acting, InProcess
+from crowdbench_agents.learning.actors import Actors
 from crowdbench_agents.learning.batch import Batch, join
 from crowdbench_agents.learning.checkpoints import (
     load_checkpoint,
@@ -18,7 +19,9 @@ from crowdbench_agents.learning.checkpoints import (
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.demonstrations import open_demonstrations, open_replay
 from crowdbench_agents.learning.journal import Journal
+from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.precision import describe_precision
+from crowdbench_agents.learning.rollout import Rollout
 from crowdbench_agents.learning.sampler import ScenarioSampler, scenario_digests
 from crowdbench_agents.learning.trained_robot import TrainedRobot
 from crowdbench_agents.learning.validation import Act, validate
@@ -27,31 +30,37 @@ from crowdbench_agents.learning.weights import save_weights
 import crowdbench
 
 
-class TrainingRun(ABC):
+class TrainingRun:
     """One training run and all that has to survive an interruption.
 
-    Subclasses say how networks act and learn; the replay and what a run leaves behind are the same
-    for all.
+    A kind of agent says how its networks act and learn; the environments, the replay, the expert
+    and what a run leaves behind are the same for all.
 
     Args:
+        kind: of agent.
         folder: of the run.
         config: all settings.
         seed: of parameters, episodes and exploration.
         social: whether the reward includes the social term.
         device: where networks are trained.
+        actors: processes that act; with 0 this one does, in turn with learning.
 
     Attributes:
         needed: rows in the replay before the next update.
     """
 
-    form: str
-    """Which networks the weights are of, as in ``save_weights``."""
-
     def __init__(
-        self, folder: Path, config: Config, seed: int, social: bool, device: str = "cpu"
+        self,
+        kind: Kind,
+        folder: Path,
+        config: Config,
+        seed: int,
+        social: bool,
+        device: torch.device,
+        actors: int,
     ) -> None:
         settings = config.training
-        self.folder, self.config = folder, config
+        self.form, self.folder, self.config = kind.form, folder, config
         self.sampler = ScenarioSampler(seed)
         self.digests = scenario_digests(self.sampler.success)
         self.rng = np.random.default_rng([seed, 2])
@@ -63,86 +72,84 @@ class TrainingRun(ABC):
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),
-            "arithmetic": describe_precision(settings.bfloat16, device),
+            "arithmetic": describe_precision(settings.bfloat16, device.type),
         }  # fmt: skip
         self.seconds, self.best = 0.0, -1.0
         self.needed = settings.warmup
+        self.learner = kind.learner(config, seed, device)
+        self.acting = self._make_acting(kind, seed, actors)
+
+    def _make_acting(self, kind: Kind, seed: int, actors: int) -> Acting:
+        if actors:
+            return Actors(
+                kind, self.learner.network, self.config, self.folder, self.sampler, seed, actors
+            )
+        everywhere = np.arange(self.config.training.environments)
+        learned = self.learner.network
+        here = next(learned.parameters()).device.type == "cpu"
+        network = learned if here else kind.network(self.config).requires_grad_(False)
+        rollout = Rollout(kind, network, self.config, everywhere, self.sampler, self.replay, seed)
+        return InProcess(rollout, network, learned)
 
     @property
-    @abstractmethod
     def steps(self) -> int:
         """Environment steps so far."""
+        return self.acting.steps
 
     @property
-    @abstractmethod
     def updates(self) -> int:
         """Updates so far."""
+        return self.learner.updates
 
     @property
-    @abstractmethod
     def decisions(self) -> int:
         """Decisions so far, each executed for one or more steps."""
+        return self.acting.decisions
 
     @property
-    @abstractmethod
     def updates_begin(self) -> bool:
-        """Whether there is enough in the replay for updates between the steps."""
+        """Whether the replay has warmed up."""
+        return len(self.replay) >= self.needed
 
-    @abstractmethod
     def begin(self, say: Callable[[str], None], stopping: Callable[[], bool]) -> None:
-        """Start an episode in every environment.
+        """Start an episode in every environment."""
+        self.acting.begin(say, stopping)
 
-        Args:
-            say: called with a line that the user has to see.
-            stopping: tells whether to stop, and to wait for nothing any more.
-        """
-
-    @abstractmethod
     def step(self) -> None:
         """One more control step in every environment."""
+        self.acting.step()
 
-    @abstractmethod
     def update(self) -> dict[str, torch.Tensor]:
         """One update of the networks; returns the losses' terms, for the log."""
+        with self.learner.watch("sampling"):
+            batch = self.sample(self.learner.count, self.learner.horizon)
+        terms = self.learner.update(batch)
+        self.acting.updated()
+        return terms
 
-    @abstractmethod
     def check(self, terms: Mapping[str, float]) -> None:
-        """Stop a training that has died or diverged.
+        """Stop a training that has died or diverged; see ``Learner.check``."""
+        self.learner.check(terms)
 
-        Args:
-            terms: means of what ``update`` returned.
-
-        Raises:
-            TrainingError: it has; the message says how that shows and what helps.
-        """
-
-    @abstractmethod
     def scalars(self) -> dict[str, float]:
         """Numbers for the log beside the losses' terms."""
+        return self.learner.scalars()
 
-    @abstractmethod
     def policy(self) -> Act:
         """Act by the present policy, without noise."""
+        return self.learner.policy()
 
-    @abstractmethod
     def tensors(self) -> dict[str, torch.Tensor]:
         """The weights, as they are shipped."""
+        return self.learner.tensors()
 
-    @abstractmethod
-    def state(self) -> dict[str, Any]:
-        """What a checkpoint has to hold of this kind of agent: tensors, numbers and text."""
-
-    @abstractmethod
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Continue from what ``state`` returned."""
-
-    @abstractmethod
     def spent(self) -> dict[str, float]:
         """Seconds since this was last asked, by what they were spent on."""
+        return self.learner.watch.take() | self.acting.seconds()
 
-    @abstractmethod
     def close(self) -> None:
         """End all that was started."""
+        self.acting.close()
 
     def sample(self, count: int, horizon: int) -> Batch:
         """Draw sequences of H steps from the replay and the demonstrations.
@@ -198,8 +205,10 @@ class TrainingRun(ABC):
             "rng": self.rng.bit_generator.state,
             "sampler": {"success": self.sampler.success, "episodes": self.sampler.episodes},
             "counters": counters,
+            "learner": self.learner.state(),
+            "acting": self.acting.state(),
         }
-        save_checkpoint(self.folder, state | self.state(), self.digests, self.form)
+        save_checkpoint(self.folder, state, self.digests, self.form)
 
     def restore(self) -> None:
         """Continue from the checkpoint in the run's folder.
@@ -211,12 +220,11 @@ class TrainingRun(ABC):
                 have changed.
         """
         state = load_checkpoint(self.folder, self.form)
-        expected = self.state()
-        expected.pop("acting", None)  # it goes on elsewhere, with other actors
-        require_fitting(self.folder, state, expected)
+        require_fitting(self.folder, state, {"learner": self.learner.state()})
         self.rng.bit_generator.state = state["rng"]
         counters, sampler = state["counters"], state["sampler"]
         self.sampler.success, self.sampler.episodes = sampler["success"], sampler["episodes"]
         self.seconds, self.best = counters["seconds"], counters["best"]
         self.needed = max(self.needed, min(counters["kept"], self.config.training.refill))
-        self.set_state(state | counters)
+        self.learner.restore(state["learner"])
+        self.acting.restore(state["acting"])

@@ -24,7 +24,6 @@ from crowdbench_agents.learning.device import (
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.journal import Journal, describe_spent, stop_on_signals
 from crowdbench_agents.learning.kind import Kind
-from crowdbench_agents.learning.kind_run import KindRun
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.run import TrainingRun
 
@@ -74,57 +73,35 @@ def train(
     """
     where = find_device(device)
     count = find_actors(actors, config.training.environments, where)
-    threads = learner_threads(count, where)
-
-    def make(folder: Path, config: Config, seed: int, social: bool) -> TrainingRun:
-        torch.set_num_threads(threads)
-        return KindRun(kind, folder, config, seed, social, where, count)
-
+    folder, curve = RUNS / run_name(name), CURVES / f"{name}.csv"
     try:
-        return train_run(
-            make, name, config, minutes=minutes, steps=steps, resume=resume, seed=seed,
-            social=social, machine=f"{where.type}, {describe_actors(count)}, ",
-        )  # fmt: skip
+        with run_folder(folder, resume):
+            keep_freed_memory()
+            torch.set_num_threads(learner_threads(count, where))
+            run = TrainingRun(kind, folder, config, seed, social, where, count)
+            if resume:
+                run.restore()
+            else:
+                curve.unlink(missing_ok=True)
+            total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
+            with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
+                arithmetic = run.facts["arithmetic"]
+                journal.say(
+                    f"{where.type}, {describe_actors(count)}, networks learn in {arithmetic}"
+                )
+                try:
+                    _loop(run, journal, minutes, steps, stopping)
+                finally:
+                    run.close()
+                if stopping():
+                    journal.say("stopped; --resume continues this run")
+                run.save()
+                run.export("last", {"steps": run.steps, "seconds": run.seconds})
     except torch.OutOfMemoryError as error:
         raise TrainingError(
             f"device: the memory of the GPU does not suffice ({short(str(error))}); lower "
             "training.batch or use --device cpu"
         ) from error
-
-
-def train_run(
-    make: Callable[[Path, Config, int, bool], TrainingRun],
-    name: str,
-    config: Config,
-    *,
-    minutes: float | None,
-    steps: int | None,
-    resume: bool,
-    seed: int,
-    social: bool,
-    machine: str = "",
-) -> Path:
-    """Train what ``make`` makes of the run's folder; otherwise as ``train``."""
-    folder, curve = RUNS / run_name(name), CURVES / f"{name}.csv"
-    with run_folder(folder, resume):
-        keep_freed_memory()
-        torch.set_num_threads(1)
-        run = make(folder, config, seed, social)
-        if resume:
-            run.restore()
-        else:
-            curve.unlink(missing_ok=True)
-        total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-        with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
-            journal.say(f"{machine}networks learn in {run.facts['arithmetic']}")
-            try:
-                _loop(run, journal, minutes, steps, stopping)
-            finally:
-                run.close()
-            if stopping():
-                journal.say("stopped; --resume continues this run")
-            run.save()
-            run.export("last", {"steps": run.steps, "seconds": run.seconds})
     return folder
 
 

@@ -77,7 +77,7 @@ class Learner(kind.Learner):
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
-        self.config, self.device, self.horizon = config, device, config.loss.n_step
+        self.config, self._device, self.horizon = config, device, config.loss.n_step
         self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
         self.actor = make_policy(config).to(device)
@@ -120,9 +120,9 @@ class Learner(kind.Learner):
         self._set_learning_rates()
         config, alpha = self.config, self.log_alpha.detach().exp()
         batch = batch._replace(reward=batch.reward * config.training.reward_scale)
-        batch = batch.to(self.device)
+        batch = batch.to(self._device)
         seen, taken, returns, discount, later = transitions(batch, config.loss.discount)
-        noise = torch.randn(2, *taken.shape, generator=self.generator).to(self.device)
+        noise = torch.randn(2, *taken.shape, generator=self.generator).to(self._device)
 
         # Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
         with self.watch("critic"):
@@ -182,7 +182,7 @@ class Learner(kind.Learner):
 
         @torch.no_grad()
         def act(given: PolicyInput) -> NDArray[np.float32]:
-            inputs = Inputs(*(torch.from_numpy(x).to(self.device) for x in given.sensed))
+            inputs = Inputs(*(torch.from_numpy(x).to(self._device) for x in given.sensed))
             return self.actor(inputs).cpu().numpy()
 
         return act

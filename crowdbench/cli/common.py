@@ -65,6 +65,11 @@ def err() -> Console:
     return Console(stderr=True, highlight=False)
 
 
+def note(console: Console, text: str) -> None:
+    """Say in passing what takes long and happens once."""
+    console.print(text, style="dim", markup=False, soft_wrap=True)
+
+
 def rows_for(results: Path | None) -> pd.DataFrame:
     """What tables and leaderboards are made from, see ``AloneOption``."""
     from crowdbench.evaluation.joined import local_rows, published_and_local

@@ -7,7 +7,6 @@ answered, and that goes to another one.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
 import re
@@ -21,6 +20,7 @@ from types import TracebackType
 from typing import Any
 
 from crowdbench.evaluation.executors import Executor, ExecutorError, Reply
+from crowdbench.evaluation.machine import core_count
 from crowdbench.evaluation.parcel import Parcel
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import Lost, Message
@@ -100,10 +100,10 @@ class RayExecutor(Executor):
         error: BaseException | None,
         place: TracebackType | None,
     ) -> None:
-        idle = [worker for worker in self._workers if worker.owes is None]
-        with contextlib.suppress(self._ray.exceptions.RayError):
-            ends = [worker.actor.close.remote() for worker in idle]
-            self._ray.wait(ends, num_returns=len(ends), timeout=_CLOSING) if ends else None
+        # Those that are busy are ended by Ray, and their processes with them.
+        ends = [worker.actor.close.remote() for worker in self._workers if worker.owes is None]
+        if ends:
+            self._ray.wait(ends, num_returns=len(ends), timeout=_CLOSING)
         for worker in self._workers:
             self._ray.kill(worker.actor)
         self._workers.clear()
@@ -145,7 +145,8 @@ class RayExecutor(Executor):
         address = self._address or os.environ.get("RAY_ADDRESS") or _LOCAL
         settings: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         if address == _LOCAL:
-            settings |= {"object_store_memory": _OBJECT_STORE, "include_dashboard": False}
+            settings |= {"num_cpus": core_count(), "include_dashboard": False}
+            settings |= {"object_store_memory": _OBJECT_STORE}
         else:
             _require_reachable(address)
         try:

@@ -107,11 +107,11 @@ def instructions(request, monkeypatch):
 
 @pytest.fixture
 def arithmetic():
-    """Tells the type of what an encoder's first convolution returns while something is done."""
+    """Tells the type of what an encoder's second convolution returns while something is done."""
 
     def watch(encoder, do):
         seen = []
-        layer = encoder.f_map[0]
+        layer = encoder.f_map[2]
         with layer.register_forward_hook(lambda *call: seen.append(call[-1].dtype)):
             do()
         return set(seen)

@@ -54,6 +54,13 @@ def test_wilson_agrees_with_the_published_table(successes, n, low, high):
     assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
 
 
+@given(n=st.integers(1, 3000), share=st.floats(0, 1))
+def test_wilson_is_scipys_to_the_last_bit(n, share):
+    successes = round(share * n)
+    expected = stats.binomtest(successes, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(ones(successes, n))[1:3] == tuple(expected)
+
+
 @given(n=st.integers(1, 500), share=st.floats(0, 1))
 def test_wilson_contains_the_share_and_is_symmetric(n, share):
     successes = round(share * n)

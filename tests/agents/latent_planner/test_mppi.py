@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from crowdbench_agents.latent_planner.batched import BatchedEvaluator
 from crowdbench_agents.latent_planner.mppi import (
     constant_actions,
     plan,
@@ -11,7 +12,8 @@ from crowdbench_agents.latent_planner.mppi import (
 )
 from crowdbench_agents.latent_planner.plain import PlainEvaluator, PlainView
 from crowdbench_agents.latent_planner.scoring import Scoring
-from crowdbench_agents.learning.config import Planner
+from crowdbench_agents.latent_planner.world_model import WorldModel
+from crowdbench_agents.learning.config import Planner, load_config
 from hypothesis import given
 from hypothesis import settings as settings_of_hypothesis
 from hypothesis import strategies as st
@@ -326,3 +328,32 @@ def test_candidates_of_the_policy_follow_it_through_the_model():
     expected = torch.tensor([[1, -0.6], [1, 0], [0.4, 0], [0, 0]])
     torch.testing.assert_close(candidates, expected.expand(1, 2, 4, 2), atol=1e-6, rtol=0)
     torch.testing.assert_close(returns, view.returns(candidates))
+
+
+@pytest.mark.parametrize("score", ["reward_q", "reward", "q"])
+@pytest.mark.parametrize(("reflect", "share"), [(True, 0.5), (True, 0.18), (False, 0.2)])
+def test_robots_that_are_planned_for_together_get_the_plans_of_the_plain_form(
+    score, reflect, share
+):
+    """With a share of 0.18 of 50 candidates the views propose 5 and 4."""
+    torch.manual_seed(0)
+    config = load_config().override(
+        {
+            "perception.cells": 16, "model.latent": 32, "model.hidden": 24,
+            "model.dynamics_hidden": 40, "planner.candidates": 50, "planner.elites": 8,
+            "planner.policy_share": share, "planner.reflect": reflect, "planner.horizon": 4,
+        }
+    )  # fmt: skip
+    model = WorldModel(config.model, config.perception.cells).requires_grad_(False)
+    for parameter in model.parameters():  # no layer left at zero, no norm at one
+        parameter.add_(0.1 * torch.randn_like(parameter))
+    views = model.normalise(torch.randn(1 + reflect, 3, config.model.latent))
+    plans = [
+        plan(
+            evaluator, views, torch.full((3, 2), 0.3), config.planner, 0.97, HALF,
+            torch.Generator().manual_seed(5), score=score,
+        )
+        for evaluator in (PlainEvaluator(model), BatchedEvaluator(model))
+    ]  # fmt: skip
+    for expected, actual in zip(*plans, strict=True):
+        torch.testing.assert_close(actual, expected, atol=2e-5, rtol=2e-5)

@@ -4,12 +4,14 @@ import contextlib
 import shutil
 import signal
 
+import numpy as np
 import pytest
 from crowdbench_agents.latent_planner.training import train
 from crowdbench_agents.latent_planner.world_model import FORMAT, load_world_model
 from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
-from crowdbench_agents.learning.kind_run import KindRun
+from crowdbench_agents.learning.replay import EXPERT, PLANNER
+from crowdbench_agents.learning.run import TrainingRun
 
 import crowdbench
 
@@ -59,7 +61,7 @@ def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, mon
 def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
     in_empty_folder, overrides, monkeypatch, number
 ):
-    step = KindRun.step
+    step = TrainingRun.step
 
     def interrupted(run):
         if run.steps == 40:
@@ -67,7 +69,7 @@ def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
                 signal.raise_signal(number)
         step(run)
 
-    monkeypatch.setattr(KindRun, "step", interrupted)
+    monkeypatch.setattr(TrainingRun, "step", interrupted)
     folder = train("short", steps=400, actors=0, overrides=overrides)
     assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 44
     train("short", steps=80, resume=True, actors=0, overrides=overrides)
@@ -89,3 +91,12 @@ def test_a_run_goes_on_in_other_processes_and_without_its_replay(in_empty_folder
     assert seen == sorted(set(seen)), "no episode comes twice"
     decisions = [state["acting"]["decisions"] for state in (before, filling, after)]
     assert decisions == sorted(set(decisions))
+
+
+def test_states_of_the_past_are_planned_again_where_mppi_does_not_act(in_empty_folder, overrides):
+    changes = {"training.planning_environments": 0, "training.replanned_states": 1.5}
+    folder = train("lazy", steps=160, actors=0, overrides=overrides | changes)
+    source = np.load(folder / "replay" / "source.npy")
+    # 60 states in 40 steps, less those that are final or come twice
+    assert 30 <= (source == PLANNER).sum() <= 60
+    assert (source[-1] == EXPERT).sum() == 40, "labels of the expert stay"

@@ -166,3 +166,35 @@ def test_the_price_of_detours_is_taken_off_the_rewards():
     time = batch.inputs.velocity[:-1, :, 0]
     # the speed observed after the step is t + 1, and the goal at (0, t + 1) recedes by a metre
     np.testing.assert_allclose(batch.reward, time - 2.0 * (0.5 * (time + 1) + 1))
+
+
+def test_what_is_drawn_to_be_planned_again_gets_the_new_plan_unless_it_is_overwritten():
+    replay, lanes = Replay(3, 40, cells=16), np.arange(3)
+    for time in range(30):
+        replay.append(lanes, rows(lanes, time, 0, final=time % 10 == 9))
+    some = np.array([0, 2])
+    which, sensed = replay.draw_observations(some, 200, np.random.default_rng(0))
+    times = set(sensed.velocity[:, 0].astype(int))
+    assert times == {t for t in range(30) if t % 10 != 9 and t % 3 != EXPERT}
+    assert set(sensed.velocity[:, 1].astype(int)) == {0, 2}
+    np.testing.assert_array_equal(sensed.map[:, 3, 2], sensed.velocity[:, 0])
+    for time in range(30, 50):  # the first ten rows are gone
+        replay.append(lanes, rows(lanes, time, 0))
+    before = replay._data.reference.copy()
+    replay.replace_references(which, np.full((len(which), 2), 0.5, np.float32), PLANNER)
+    changed = np.argwhere((replay._data.reference != before).all(axis=-1))
+    expected = {(lane, number) for lane, number in which.tolist() if number >= 10}
+    assert {tuple(place) for place in changed.tolist()} == expected
+    assert (replay._data.source[tuple(changed.T)] == PLANNER).all()
+
+
+def test_a_replay_in_files_gives_the_sequences_of_one_in_memory(tmp_path):
+    """Written by one process and read by another, as far as the files go."""
+    plain, written = Replay(2, 20, cells=16), Replay(2, 20, cells=16, folder=tmp_path)
+    read, at = Replay(2, 20, cells=16, folder=tmp_path), np.arange(2)
+    for time in range(33):
+        for replay in (plain, written):
+            replay.append(at, rows(at, time, time // 8, final=time % 8 == 7, collision=time == 30))
+    a, b = (replay.sample(40, 4, np.random.default_rng(2), 0.25, True) for replay in (plain, read))
+    for expected, found in zip([*a.inputs, *a[1:]], [*b.inputs, *b[1:]], strict=True):
+        np.testing.assert_array_equal(found, expected)

@@ -21,14 +21,15 @@ def sensed():
     return Sensed(maps, *rng.normal(size=(2, 3, 2)).astype(np.float32))
 
 
-def explorer(config):
+def explorer(config, count=3):
     torch.manual_seed(0)
-    return Explorer(make_policy(config), config, ActionBounds.of(ROBOT), np.arange(3), seed=1)
+    return Explorer(make_policy(config), config, ActionBounds.of(ROBOT), np.arange(count), seed=1)
 
 
 def test_actions_are_spread_around_the_policys_as_it_says(tiny, sensed):
-    acting = explorer(tiny())
-    drawn = np.array([acting.act(sensed).action for _ in range(2000)])
+    acting = explorer(tiny(), count=6000)
+    drawn = acting.act(Sensed(*(np.concatenate([x] * 2000) for x in sensed))).action
+    drawn = drawn.reshape(2000, 3, 2)
     assert acting.decisions == 6000
     policy = acting._network
     inputs = Inputs(*map(torch.from_numpy, sensed))

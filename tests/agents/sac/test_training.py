@@ -8,7 +8,7 @@ import pytest
 import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
-from crowdbench_agents.learning.kind_run import KindRun
+from crowdbench_agents.learning.run import TrainingRun
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import KIND, train
@@ -16,7 +16,7 @@ from crowdbench_agents.sac.training import KIND, train
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = KindRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
@@ -46,7 +46,7 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = KindRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
     run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
