@@ -63,6 +63,7 @@ class Onnx(crowdbench.Agent):
     """Whatever policy an ONNX file holds."""
 
     drives = None
+    version = "0.2.0"
 
     def __init__(self, file: str) -> None:
         """Load the network and make sure that it can be used.

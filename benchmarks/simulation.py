@@ -3,6 +3,10 @@
 Run ``python benchmarks/simulation.py [SCENARIO ...]``. Prints environment steps per second through
 the PettingZoo API, what the stacked obstacle map of the learned agents costs on top, the start-up
 time of the command line, and the memory of 32 environments in one process.
+
+``python benchmarks/simulation.py --peers PYTHON``, with a Python that has navground and IR-SIM (see
+``benchmarks/peers.py``), prints steps a second of processor time of one environment, of the vector
+environment and of the peers in a scene of the same size, taken in turns.
 """
 
 from __future__ import annotations
@@ -12,6 +16,8 @@ import resource
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from crowdbench_agents.learning.perception import ObstacleMap
@@ -79,11 +85,85 @@ def memory_of_32() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def one_environment(scenario: str) -> Callable[[], float]:
+    """Return a function that takes a thousand steps: steps per second of processor time."""
+    env = crowdbench.parallel_env(scenario)
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform([0, -1.5], [1, 1.5], (1000, 2)).astype(np.float32)
+
+    def run() -> float:
+        begin = time.process_time()
+        for action in actions:
+            env.step({"robot_0": action})
+            if not env.agents:
+                env.reset()
+        return len(actions) / (time.process_time() - begin)
+
+    return run
+
+
+def vector_environment(scenario: str, lanes: int) -> Callable[[], float]:
+    """Return a function that takes a hundred steps in all lanes, likewise."""
+    env = crowdbench.vector_env(scenario, lanes, autoreset_mode="SameStep")
+    env.reset(seed=0)
+    draw = np.random.default_rng(0)
+    actions = draw.uniform([0, -1.5], [1, 1.5], (100, lanes, 2)).astype(np.float32)
+
+    def run() -> float:
+        begin = time.process_time()
+        for action in actions:
+            env.step(action)
+        return len(actions) * lanes / (time.process_time() - begin)
+
+    return run
+
+
+def peer(python: str, name: str) -> Callable[[], float]:
+    """Return a function that has a peer, in a process of its own, do the same."""
+    command = [python, str(Path(__file__).with_name("peers.py")), name]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    source, answers = process.stdin, process.stdout
+    assert source is not None
+    assert answers is not None
+
+    def run() -> float:
+        source.write("\n")
+        source.flush()
+        # IR-SIM prints lines of its own.
+        return next(float(line.split()[1]) for line in answers if line.startswith("rate "))
+
+    return run
+
+
+def compare_with_peers(python: str, console: Console) -> None:
+    """Print the table of ``--peers``: medians of rounds in which everybody takes a turn."""
+    takers = {
+        "crowdbench, one environment": one_environment("multimodal_fast"),
+        **{
+            f"crowdbench, {lanes} lanes": vector_environment("multimodal_fast", lanes)
+            for lanes in (16, 64, 256)
+        },
+        "navground": peer(python, "navground"),
+        "IR-SIM": peer(python, "irsim"),
+    }
+    rounds = [{name: run() for name, run in takers.items()} for _ in range(REPEATS + 1)][1:]
+    table = Table("one core", "steps/s", "of navground's")
+    for name in takers:
+        rate = np.median([rates[name] for rates in rounds])
+        share = np.median([rates[name] / rates["navground"] for rates in rounds])
+        table.add_row(name, f"{rate:,.0f}", f"{share:.2f}")
+    console.print(table)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--peers", metavar="PYTHON", help="compare with peers that this one has")
     parser.add_argument("scenarios", nargs="*", default=["multimodal_fast", "corridor_very_dense"])
     console = Console()
+    if python := parser.parse_args().peers:
+        compare_with_peers(python, console)
+        return
     memory = memory_of_32()
     table = Table("scenario", "steps/s", "of that resets", "obstacle map, us/step")
     for scenario in parser.parse_args().scenarios:

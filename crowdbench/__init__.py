@@ -4,6 +4,7 @@ The names in ``__all__`` are the public interface:
 
 - environments: ``parallel_env`` makes one for PettingZoo (a ``CrowdEnv``);
   ``gymnasium.make("crowdbench:CrowdNav-v0", scenario=...)`` one for Gymnasium (a ``CrowdNavEnv``);
+  ``vector_env`` makes many at once (a ``CrowdVectorEnv``);
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
     from crowdbench.simulation.orca import orca_velocities
+    from crowdbench.simulation.vector_env import CrowdVectorEnv, vector_env
     from crowdbench.simulation.walking import Crowd, WalkingModel
 
 # Heavy, so imported on first use: ``crowdbench --help`` answers at once.
@@ -47,12 +49,14 @@ _LAZY = {
     "Crowd": "crowdbench.simulation.walking",
     "CrowdEnv": "crowdbench.simulation.env",
     "CrowdNavEnv": "crowdbench.simulation.gym_env",
+    "CrowdVectorEnv": "crowdbench.simulation.vector_env",
     "Drive": "crowdbench.simulation.kinematics",
     "Episode": "crowdbench.evaluation.episode",
     "Metric": "crowdbench.evaluation.metric",
     "orca_velocities": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
     "parallel_env": "crowdbench.simulation.env",
+    "vector_env": "crowdbench.simulation.vector_env",
 }
 
 __all__ = [
@@ -63,6 +67,7 @@ __all__ = [
     "Crowd",
     "CrowdEnv",
     "CrowdNavEnv",
+    "CrowdVectorEnv",
     "Drive",
     "Episode",
     "Metric",
@@ -78,11 +83,16 @@ __all__ = [
     "parallel_env",
     "read_yaml",
     "scenario_names",
+    "vector_env",
 ]
 
 
 pettingzoo.register("parallel", "crowdbench/crowd-v0", "crowdbench.simulation.env:parallel_env")
-gymnasium.register("CrowdNav-v0", "crowdbench.simulation.gym_env:CrowdNavEnv")
+gymnasium.register(
+    "CrowdNav-v0",
+    "crowdbench.simulation.gym_env:CrowdNavEnv",
+    vector_entry_point="crowdbench.simulation.vector_env:CrowdVectorEnv",
+)
 
 
 def __getattr__(name: str) -> Any:

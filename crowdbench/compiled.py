@@ -28,15 +28,24 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def compiled(**options: Any) -> Callable[[F], F]:
     """Decorate a function for ``numba.njit``, with ``options`` as there and a lasting cache."""
+    return _with_cache(numba.njit(cache=True, **options))
 
-    def decorate(function: F) -> F:
+
+def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """The same for a function that C calls (``numba.cfunc``); it is compiled at once."""
+    return _with_cache(numba.cfunc(signature, cache=True))
+
+
+def _with_cache(decorator: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Have the decorator keep machine code in the folder of this state of the sources."""
+
+    def decorate(function: Any) -> Any:
         package = sys.modules[function.__module__.partition(".")[0]]
         folder = cache_folder() / _state(package.__name__, package.__path__[0])
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
         try:
-            result: F = numba.njit(cache=True, **options)(function)
-            return result
+            return decorator(function)
         finally:
             config.CACHE_DIR = before
 

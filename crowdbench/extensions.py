@@ -9,20 +9,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from crowdbench.registry import Registry
+from crowdbench.registry import ClassRegistry
 
-DRIVES: Registry[type[Any]] = Registry(
+DRIVES: ClassRegistry[Any] = ClassRegistry(
     "drive",
     "crowdbench.drives",
     {
         "differential": "crowdbench.simulation.kinematics:Differential",
         "omnidirectional": "crowdbench.simulation.kinematics:Omnidirectional",
     },
-    of=type,
+    base="crowdbench:Drive",
 )
 """Subclasses of ``Drive`` by the name that ``robots.drive`` gives."""
 
-WALKING_MODELS: Registry[type[Any]] = Registry(
+WALKING_MODELS: ClassRegistry[Any] = ClassRegistry(
     "walking model",
     "crowdbench.walking_models",
     {
@@ -30,6 +30,6 @@ WALKING_MODELS: Registry[type[Any]] = Registry(
         "social_force": "crowdbench.simulation.walking:SocialForce",
         "straight": "crowdbench.simulation.walking:Straight",
     },
-    of=type,
+    base="crowdbench:WalkingModel",
 )
 """Subclasses of ``WalkingModel`` by the name that ``pedestrians.model`` gives."""

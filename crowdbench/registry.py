@@ -98,3 +98,25 @@ class Registry(Mapping[str, T], Generic[T]):
             kind = f"{self._of.__module__}.{self._of.__qualname__}"
             raise UnknownNameError(f"{self._kind} {name!r}: {value!r} is not a {kind}")
         return value
+
+
+class ClassRegistry(Registry[type[T]]):
+    """A registry of the subclasses of one class."""
+
+    def __init__(self, kind: str, group: str, builtin: Mapping[str, str], base: str) -> None:
+        """Start with what is built in.
+
+        Args:
+            kind, group, builtin: as of every registry.
+            base: ``module:attribute`` of the class that all are derived from; it is imported when
+                the first of them is.
+        """
+        super().__init__(kind, group, builtin, of=type)
+        self._base = base
+
+    def _checked(self, name: str, value: type[T]) -> type[T]:
+        base = EntryPoint(name, self._base, self._group).load()
+        if not (isinstance(value, type) and issubclass(value, base)):
+            place = self._base.replace(":", ".")
+            raise UnknownNameError(f"{self._kind} {name!r}: {value!r} is not a subclass of {place}")
+        return value

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -312,71 +311,6 @@ def test_record_shows_every_state_of_the_episode(place, tmp_path, capsys):
     assert Image.open(output).n_frames == episode.steps + 1
 
 
-class Trainers:
-    """Entry points with one trainer that notes what it is asked."""
-
-    module, name = "tests.fake", "fake"
-
-    def __init__(self, error=None):
-        self.asked, self.error = None, error
-
-    def __call__(self, group):
-        return [self]
-
-    def load(self):
-        return self.train
-
-    def train(self, **asked):
-        self.asked = asked
-        if self.error:
-            raise self.error
-        return Path("runs") / asked["name"]
-
-
-def test_train_hands_over_to_the_agents_trainer(monkeypatch, capsys):
-    trainers = Trainers()
-    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
-    options = ["--minutes", "1.5", "--seed", "7", "--no-social", "--set", "training.batch=8"]
-    assert main(["train", "fake", "--name", "mine", *options]) == 0
-    assert trainers.asked == {
-        "name": "mine",
-        "minutes": 1.5,
-        "steps": None,
-        "resume": False,
-        "seed": 7,
-        "social": False,
-        "overrides": {"training.batch": 8},
-    }
-    assert main(["train", "fake", "--resume", "--steps", "100"]) == 0
-    own = {"social", "device", "actors"}
-    assert own.isdisjoint(trainers.asked), "the trainer's own defaults"
-    assert (trainers.asked["resume"], trainers.asked["steps"]) == (True, 100)
-    assert "runs/fake" in capsys.readouterr().out
-
-
-def test_device_and_actors_are_asked_of_trainers_that_know_them(monkeypatch, capsys):
-    trainers = Trainers()
-    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
-    options = ["--device", "cpu", "--actors", "3"]
-    assert main(["train", "fake", *options]) == 0
-    assert (trainers.asked["device"], trainers.asked["actors"]) == ("cpu", 3)
-    capsys.readouterr()
-    monkeypatch.setattr(trainers, "train", lambda name, minutes, steps, resume, seed: None)
-    message = "fake: --device is nothing that its trainer takes"
-    assert complaint(capsys, "train", "fake", *options) == message
-
-
-def test_what_a_trainer_says_is_for_the_user_and_bugs_are_not_hidden(monkeypatch, capsys):
-    class DivergedError(RuntimeError):
-        __module__ = "tests.fake.learner"
-
-    monkeypatch.setattr(importlib.metadata, "entry_points", Trainers(DivergedError("loss is nan")))
-    assert complaint(capsys, "train", "fake") == "fake: loss is nan"
-    monkeypatch.setattr(importlib.metadata, "entry_points", Trainers(ZeroDivisionError("bug")))
-    with pytest.raises(ZeroDivisionError):
-        main(["train", "fake"])
-
-
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(place, tmp_path):
     agent = f"{place}/planner.py:Planner:wait=0.02"
     arguments = ["run", "-s", f"{place}/tiny.yaml", "-a", agent, "-n", "500", "-j", "2"]
@@ -413,14 +347,3 @@ def test_a_goal_that_can_be_passed_is_warned_of_in_one_line(tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert lines[0].startswith("warning: scenario 'corridor_sparse': a robot may pass its goal")
-
-
-@pytest.mark.parametrize("name", ["../x", "/tmp/x", "", "x" * 5000, ".."])
-def test_a_run_of_training_stays_in_its_folder(tmp_path, monkeypatch, capsys, name):
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    assert main(["train", "sac", "--name", name, "--steps", "1"]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert "expected 1 to 100 letters, digits and _.-" in lines[0]
-    assert [path.name for path in tmp_path.rglob("*")] == ["here"]

@@ -18,6 +18,7 @@ PAGES = [
     "docs/add_an_agent.md",
     "docs/add_a_metric.md",
     "docs/train_with_your_library.md",
+    "docs/stable_baselines3.md",
     "docs/onnx.md",
     "docs/minari.md",
     "docs/write_a_scenario.md",

@@ -1,5 +1,7 @@
 """The environments pass the checks of the libraries they are written for, and train with them."""
 
+import importlib
+
 import gymnasium
 import numpy as np
 import pettingzoo
@@ -8,6 +10,7 @@ import supersuit
 import torch
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as check_gymnasium
+from pages import unpack
 from pettingzoo.test import (
     api_test,
     parallel_api_test,
@@ -18,6 +21,7 @@ from pettingzoo.test import (
 from pettingzoo.utils import parallel_to_aec
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_sb3
+from stable_baselines3.common.vec_env import DummyVecEnv
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
@@ -158,8 +162,47 @@ def test_torchrl_keeps_robots_that_have_left_done_until_the_last_has():
     assert rollout["next", "done"][:, 0].tolist() == [False] * (len(ended) - 1) + [True]
 
 
+def test_stable_baselines3_sees_a_vector_of_environments_as_its_own(tmp_path, monkeypatch):
+    """The class on docs/stable_baselines3.md hands over what DummyVecEnv does."""
+    list(unpack("docs/stable_baselines3.md", tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
+    vectors = importlib.import_module("vectors")
+    both = [
+        vectors.Vectors(
+            crowdbench.vector_env(
+                "multimodal_fast", num_envs=3, autoreset_mode="SameStep", time_limit=4.0
+            )
+        ),
+        DummyVecEnv([lambda: make_gymnasium(time_limit=4.0)] * 3),
+    ]
+    for environment in both:
+        environment.seed(1_000_000)
+    rng, ends = np.random.default_rng(0), set()
+    for key, (ours, theirs) in in_pairs(*(environment.reset() for environment in both)):
+        np.testing.assert_array_equal(ours, theirs, err_msg=key)
+    for _ in range(60):
+        actions = rng.uniform([0.5, -0.3], [1.0, 0.3], (3, 2)).astype(np.float32)
+        (seen, rewards, done, told), (*expected, infos) = (one.step(actions) for one in both)
+        np.testing.assert_array_equal(rewards, expected[1])
+        np.testing.assert_array_equal(done, expected[2])
+        pairs = [*in_pairs(seen, expected[0])]
+        for i in np.flatnonzero(done):
+            assert told[i]["TimeLimit.truncated"] == infos[i]["TimeLimit.truncated"]
+            pairs += in_pairs(told[i]["terminal_observation"], infos[i]["terminal_observation"])
+            ends.add(told[i]["TimeLimit.truncated"])
+        for key, (ours, theirs) in pairs:
+            np.testing.assert_array_equal(ours, theirs, err_msg=key)
+    assert ends == {False, True}
+
+
+def in_pairs(ours, theirs):
+    """The parts of two observations, side by side."""
+    assert ours.keys() == theirs.keys()
+    return [(key, (ours[key], theirs[key])) for key in ours]
+
+
 def flat_and_staying(environment):
-    """As docs/train_with_your_library.md does it."""
+    """As docs/stable_baselines3.md does it."""
     environment = supersuit.observation_lambda_v0(
         environment, lambda seen, space: spaces.flatten(space, seen), spaces.flatten_space
     )

@@ -1,9 +1,13 @@
 """Extension points: found by name, built in or from another package."""
 
 import sys
+from importlib.metadata import EntryPoint
 
 import pytest
 
+import crowdbench
+from crowdbench import ScenarioError
+from crowdbench.extensions import DRIVES, WALKING_MODELS
 from crowdbench.registry import Registry, UnknownNameError
 
 PACKAGE = """\
@@ -60,3 +64,19 @@ def test_registering_for_this_process(registry):
     for name in ("three", "one", "seven"):
         with pytest.raises(ValueError, match="is there already"):
             registry.register(name, 4)
+
+
+@pytest.mark.parametrize(
+    ("classes", "field", "base"),
+    [(DRIVES, "robots.drive", "Drive"), (WALKING_MODELS, "pedestrians.model", "WalkingModel")],
+)
+@pytest.mark.parametrize("place", ["builtins:int", "math:pi"])
+def test_a_class_of_another_kind_is_refused_with_the_field(
+    monkeypatch, classes, field, base, place
+):
+    monkeypatch.setitem(classes._builtin, "test", EntryPoint("test", place, "anywhere"))
+    told = rf"{field}: .* 'test': .* is not a subclass of crowdbench\.{base}"
+    with pytest.raises(ScenarioError, match=told):
+        crowdbench.parallel_env("unimodal_slow", **{field: "test"}).reset(seed=0)
+    with pytest.raises(ValueError, match="is not a subclass"):
+        classes.register("more", int)

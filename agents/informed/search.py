@@ -12,6 +12,7 @@ import math
 import numpy as np
 from crowdbench_agents.geometry.footprint import advance, point_gap, wall_gap
 from crowdbench_agents.informed.distance_field import look_up
+from crowdbench_agents.informed.sorting import sort
 
 from crowdbench.compiled import compiled
 
@@ -137,6 +138,7 @@ def search(
         obstacles,
         walls,
     )
+    reach_v, reach_w = limits[0] * period, limits[1] * period
     # Columns: x, y, heading, v, w, cost so far, row of the beam it continues (-1: the last plan).
     beam = np.zeros((BEAM + 1, 7))
     for i in range(3):
@@ -155,7 +157,7 @@ def search(
         choices = len(arcs) if level < FINE_LEVELS else len(arcs) // 2
         for b in range(alive):
             for a in range(choices):
-                v, w = _within(arcs[a, 0], arcs[a, 1], beam[b, 3], beam[b, 4], limits * period)
+                v, w = _within(arcs[a, 0], arcs[a, 1], beam[b, 3], beam[b, 4], reach_v, reach_w)
                 child = children[count]
                 status = _drive(beam[b], v, w, row, ticks, scene, child)
                 child[6] = b
@@ -282,10 +284,10 @@ def _drive(node, v, w, row, ticks, scene, end):
 
 
 @compiled()
-def _within(v, w, now_v, now_w, reach):
+def _within(v, w, now_v, now_w, reach_v, reach_w):
     """The nearest command that the acceleration limits permit."""
-    v = min(now_v + reach[0], max(now_v - reach[0], v))
-    return v, min(now_w + reach[1], max(now_w - reach[1], w))
+    v = min(now_v + reach_v, max(now_v - reach_v, v))
+    return v, min(now_w + reach_w, max(now_w - reach_w, w))
 
 
 @compiled()
@@ -331,7 +333,8 @@ def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obst
 @compiled()
 def _select(children, score, count, beam):
     """Keep the best children, at most one per cell of position and heading."""
-    order = np.argsort(score[:count])
+    order = np.empty(count, dtype=np.int64)
+    sort(score, order)
     cells = np.empty((BEAM, 3), dtype=np.int64)
     kept = 0
     for i in order:

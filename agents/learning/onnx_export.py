@@ -38,8 +38,7 @@ class _Physical(nn.Module):
         self.register_buffer("_half", torch.from_numpy(bounds.half))
 
     def forward(self, map: Tensor, velocity: Tensor, goal: Tensor) -> Tensor:
-        action = self.policy(Inputs(map, velocity, goal))
-        return action.clamp(-1, 1) * self._half + self._centre
+        return self.policy(Inputs(map, velocity, goal)) * self._half + self._centre
 
 
 def export_policy(

@@ -13,7 +13,6 @@ from crowdbench_agents.learning.vector_env import VectorEnv
 from numpy.typing import NDArray
 from torch import nn
 
-
 PLANNED_AT_ONCE = 4
 """States of the past, since planning for several at once takes less time for each."""
 

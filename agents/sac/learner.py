@@ -51,10 +51,9 @@ def transitions(batch: Batch, discount: float) -> Transitions:
 
     At the time limit a transition is shorter and its value goes on: nothing has ended.
     """
-    device = batch.reward.device
-    powers = discount ** torch.arange(len(batch.reward), device=device)[:, None]
+    powers = discount ** torch.arange(len(batch.reward), device=batch.reward.device)[:, None]
     length = batch.valid.sum(dim=0).long()
-    columns = torch.arange(len(length), device=device)
+    columns = torch.arange(len(length), device=length.device)
     ended = (batch.end * batch.valid).amax(dim=0)
     return Transitions(
         inputs=Inputs(*(x[0] for x in batch.inputs)),
@@ -78,7 +77,7 @@ class Learner(kind.Learner):
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
         torch.manual_seed(seed)
-        self.config, self.horizon, self._device = config, config.loss.n_step, device
+        self.config, self._device, self.horizon = config, device, config.loss.n_step
         self.watch = Stopwatch()
         self.generator = torch.Generator().manual_seed(seed)
         self.actor = make_policy(config).to(device)
@@ -124,27 +123,29 @@ class Learner(kind.Learner):
         batch = batch.to(self._device)
         seen, taken, returns, discount, later = transitions(batch, config.loss.discount)
         noise = torch.randn(2, *taken.shape, generator=self.generator).to(self._device)
-        actor = self.actor
-        action, log_prob = actor.sample(self._features(actor, seen), noise[0])
 
-        # The critic: Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
-        with torch.no_grad():
-            next_action, next_log_prob = actor.sample(self._features(actor, later), noise[1])
-            next_q = self.target(self._features(self.target, later), next_action).amin(dim=0)
-            target = returns + discount * (next_q - alpha * next_log_prob)
-        q = self.critic(self._features(self.critic, seen), taken)
-        critic_loss = 0.5 * (q - target).square().mean(dim=1).sum()
-        self._step("critic", critic_loss)
+        # Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
+        with self.watch("critic"):
+            with torch.no_grad():
+                next_action, next_log_prob = self._draw(later, noise[1])
+                next_q = self.target(self._features(self.target, later), next_action).amin(dim=0)
+                target = returns + discount * (next_q - alpha * next_log_prob)
+            q = self.critic(self._features(self.critic, seen), taken)
+            critic_loss = 0.5 * (q - target).square().mean(dim=1).sum()
+            self._step("critic", critic_loss)
 
-        # The actor: alpha log pi(a) - min Q(o, a), and the distance from the expert's action.
-        with torch.no_grad():
-            features = self._features(self.critic, seen)
-        value = self.critic(features, action).amin(dim=0)
-        error = (action - batch.reference[0]).square().sum(dim=-1) * batch.labelled[0]
-        imitation = config.expert_weight(self.updates) * error
-        actor_loss = (alpha * log_prob - value + imitation).mean()
-        self._step("actor", actor_loss)
+        # alpha log pi(a) - min Q(o, a), and the distance of a from the expert's action.
+        with self.watch("actor"):
+            action, log_prob = self._draw(seen, noise[0])
+            with torch.no_grad():
+                features = self._features(self.critic, seen)
+            value = self.critic(features, action).amin(dim=0)
+            error = (action - batch.reference[0]).square().sum(dim=-1) * batch.labelled[0]
+            imitation = config.expert_weight(self.updates) * error
+            actor_loss = (alpha * log_prob - value + imitation).mean()
+            self._step("actor", actor_loss)
 
+        # More alpha where the entropy is below the wanted one.
         entropy = -log_prob.detach().mean()
         self._step("alpha", self.log_alpha * (entropy - self._wanted_entropy))
         self._update_target()
@@ -213,6 +214,9 @@ class Learner(kind.Learner):
             self.log_alpha.copy_(state["log_alpha"])
         self.updates = state["updates"]
         self.generator.set_state(state["generator"])
+
+    def _draw(self, inputs: Inputs, noise: Tensor) -> tuple[Tensor, Tensor]:
+        return self.actor.sample(self._features(self.actor, inputs), noise)
 
     def _features(self, network: Policy | Critic, inputs: Inputs) -> Tensor:
         return encode(network.encoder, inputs, self.config.training.bfloat16)

@@ -30,8 +30,13 @@ def encode(encoder: Encoder, inputs: Inputs, bfloat16: bool) -> Tensor:
         bfloat16: whether it is asked for, see ``training_precision``.
     """
     with training_precision(bfloat16, inputs.goal.device.type):
-        z = encoder(inputs).float()
-    return layer_norm(z, z.shape[-1:])
+        z = encoder(inputs)
+    return normalise(z)
+
+
+def normalise(z: Tensor) -> Tensor:
+    """What an encoder returned (B, latent) -> features (B, latent) in float32."""
+    return layer_norm(z.float(), z.shape[-1:])
 
 
 class SacActor(nn.Module):
@@ -53,8 +58,7 @@ class SacActor(nn.Module):
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Inputs (B, ...) -> actions (B, 2) in [-1, 1]."""
-        features = encode(self.encoder, inputs, bfloat16=False)
-        return torch.tanh(self.mean(self.hidden(features)))
+        return torch.tanh(self.mean(self.hidden(normalise(self.encoder(inputs)))))
 
 
 class Policy(SacActor):

@@ -39,7 +39,7 @@ AddressOption = Annotated[
     typer.Option(
         "--address",
         metavar="HOST:PORT",
-        help="Of the Ray cluster's head; by default the cluster that Ray finds, else this machine.",
+        help="Of the Ray cluster's head, by default RAY_ADDRESS; without both, this machine alone.",
     ),
 ]
 AgentOption = Annotated[
@@ -63,6 +63,11 @@ def err() -> Console:
     from rich.console import Console
 
     return Console(stderr=True, highlight=False)
+
+
+def note(console: Console, text: str) -> None:
+    """Say in passing what takes long and happens once."""
+    console.print(text, style="dim", markup=False, soft_wrap=True)
 
 
 def rows_for(results: Path | None) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from types import TracebackType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from crowdbench.cli.common import err
+from crowdbench.cli.common import err, note
 from crowdbench.evaluation.results import one_line
 from crowdbench.evaluation.runner import Missing, Progress
 
@@ -59,7 +59,7 @@ class ProgressBar:
     def note(self, text: str) -> None:
         """Say something above the bar."""
         if not self._quiet:
-            self._console.print(text, style="dim", markup=False, soft_wrap=True)
+            note(self._console, text)
 
     def say_interrupted(self, folder: Path) -> None:
         """Say what is kept and how to go on."""

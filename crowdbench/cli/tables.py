@@ -19,6 +19,7 @@ from crowdbench.cli.common import (
     ExecutorOption,
     UserError,
     err,
+    note,
     out,
     rows_for,
 )
@@ -121,6 +122,7 @@ def _run(
                 published,
                 executor=executor,
                 address=address,
+                on_note=display.note,
             )
         except KeyboardInterrupt:
             display.close()
@@ -173,6 +175,10 @@ class _Display:
 
     def close(self) -> None:
         self._bar.stop()
+
+    def note(self, text: str) -> None:
+        """Say something above the bar."""
+        note(self._console, text)
 
     def update(self, done: int, total: int, forecast: Forecast) -> None:
         """Show how far the run has come."""

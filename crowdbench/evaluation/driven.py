@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
 
 
+class ResimulationError(ValueError):
+    """Commands that do not belong to the episode; the message says which robot and step."""
+
+
 @dataclass(frozen=True)
 class Driven:
     """One robot's part in an episode of T steps, as its agent's process tells it.
@@ -111,7 +115,7 @@ def simulate(
     Raises:
         ResimulationError: this is not what happens with these commands.
     """
-    from crowdbench.evaluation.resimulate import ResimulationError, resimulate
+    from crowdbench.evaluation.resimulate import resimulate
 
     where = f"{label}, seed {seed}"
     world = getattr(scenario, "scenario", scenario)

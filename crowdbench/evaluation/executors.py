@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from crowdbench.registry import Registry
+from crowdbench.registry import ClassRegistry
 
 if TYPE_CHECKING:
     from crowdbench.evaluation.pool import Limits
@@ -98,13 +98,13 @@ class Executor(ABC):
         """
 
 
-EXECUTORS: Registry[type[Executor]] = Registry(
+EXECUTORS: ClassRegistry[Executor] = ClassRegistry(
     "executor",
     "crowdbench.executors",
     {
         "local": "crowdbench.evaluation.local:Local",
         "ray": "crowdbench.evaluation.ray_executor:RayExecutor",
     },
-    of=type,
+    base="crowdbench.evaluation.executors:Executor",
 )
 """Subclasses of ``Executor`` by the name that ``--executor`` gives."""

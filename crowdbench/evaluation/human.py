@@ -18,15 +18,15 @@ from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.machine import machine_name
 from crowdbench.evaluation.results import Cell, Origin, ResultsStore, scenario_label
-from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import WORLD_VERSION
 from crowdbench.simulation import window as windows
-from crowdbench.simulation.env import CrowdEnv
 
 if TYPE_CHECKING:
     import pygame
+
+    from crowdbench.simulation.env import CrowdEnv
 
 HUMAN = "human"
 """The name under which a person's episodes are stored."""
@@ -168,6 +168,9 @@ def drive(scenario: Scenario, seed: int) -> Episode:
     """
     driver = Driver()
     title = f"crowdbench: {scenario.name}, seed {seed}: arrow keys drive, shift slows, Esc ends"
+    from crowdbench.evaluation.rollout import run_episode
+    from crowdbench.simulation.env import CrowdEnv
+
     env = CrowdEnv(scenario, render_mode="rgb_array")
     window: Window | None = None
     due = 0.0

@@ -13,7 +13,7 @@ import math
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,8 @@ SAME_WITHIN = 1e-5
 _TIMED = "inference_s"
 _SHOWN = 3
 """Disagreements that a message names."""
+_RANGES = 20
+"""Gaps among the seeds of a cell that a line names."""
 _IDENTITY = ("scenario", "scenario_digest", "agent", "weights_sha256", "code", "series")
 _CALLED = {"scenario_digest": "definitions of the scenario", "weights_sha256": "weights"}
 _FACTS = (
@@ -260,22 +262,19 @@ def _missing(connection: sqlite3.Connection, cells: Set[int]) -> list[str]:
     for number, scenario, agent in latest_cells(connection):
         if number in cells:
             seeds = [seed for (seed,) in connection.execute(query, (number,))]
-            span = range(seeds[0], seeds[-1] + 1)
-            gaps = sorted(set(span) - set(seeds))
+            gaps = [(a + 1, b - 1) for a, b in pairwise(seeds) if b - a > 1]
             if gaps:
-                told = f"{len(gaps)} of {len(span)} seeds are missing: {_ranges(gaps)}"
+                missing = sum(last - first + 1 for first, last in gaps)
+                told = f"{missing} of {missing + len(seeds)} seeds are missing: {_ranges(gaps)}"
                 lines.append(f"{agent} in {scenario}: {told}")
     return lines
 
 
-def _ranges(seeds: Sequence[int]) -> str:
-    """Whole numbers in ascending order as text: ``1, 3-5, 9``."""
-    parts = []
-    for _, run in groupby(enumerate(seeds), lambda pair: pair[1] - pair[0]):
-        values = [seed for _, seed in run]
-        parts.append(str(values[0]) if len(values) == 1 else f"{values[0]}-{values[-1]}")
-    most = 20
-    return ", ".join(parts[:most]) + (f" and {len(parts) - most} more" * (len(parts) > most))
+def _ranges(gaps: Sequence[tuple[int, int]]) -> str:
+    """First and last numbers as text: ``1, 3-5, 9``."""
+    parts = [str(first) if first == last else f"{first}-{last}" for first, last in gaps]
+    more = len(parts) - _RANGES
+    return ", ".join(parts[:_RANGES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _marks(columns: Sequence[str] | Mapping[str, Any]) -> str:

@@ -65,7 +65,7 @@ def path_efficiency(shortest: float, driven: float) -> float:
 
 
 def stl(episode: Episode) -> float:
-    """Success weighted by time, S T* / max(T, T*) (Perez-D'Arpino et al. 2021).
+    """Success weighted by time length, S T* / max(T, T*) (iGibson Challenge 2021).
 
     T* is the time of the shortest path at top speed, which no real drive undercuts.
     """

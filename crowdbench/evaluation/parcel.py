@@ -1,6 +1,7 @@
 """An agent on its way to another machine: with the files that its name and options speak of.
 
-The other machine gets a copy of them at the same paths below a folder of its own.
+The other machine gets a copy of them at the same paths below a folder of its own, and makes the
+agent in the copy of the folder that this process is in, so that relative names mean the same there.
 """
 
 from __future__ import annotations
@@ -17,16 +18,9 @@ from crowdbench.messages import quoted
 
 @dataclass(frozen=True)
 class Parcel:
-    """An agent and its files.
-
-    Attributes:
-        agent: as it was named.
-        folder: in which it was named.
-        files: their content by absolute path.
-    """
+    """An agent as it was named, and the content of its files by their absolute paths."""
 
     agent: AgentSpec
-    folder: str
     files: Mapping[str, bytes]
 
     @classmethod
@@ -36,30 +30,39 @@ class Parcel:
         Raises:
             AgentError: a file cannot be read.
         """
-        folder, files = str(Path.cwd()), {}
+        files = {}
         for name in _named_files(agent):
             try:
-                files[_absolute(folder, name)] = Path(name).read_bytes()
+                files[_absolute(name)] = Path(name).read_bytes()
             except OSError as error:
                 reason = f"{name}: {error.strerror}"
                 raise AgentError(f"agent {quoted(str(agent))}: {reason}") from error
-        return cls(agent, folder, files)
+        return cls(agent, files)
 
     def unpack(self, root: Path) -> AgentSpec:
-        """Write the files below a folder; returns the agent by the names that they have now."""
+        """Write the files below a folder.
+
+        Returns:
+            The agent by the names that it has there; relative ones are as they were.
+        """
         for name, content in self.files.items():
-            path = Path(f"{root}{name}")
+            path = below(root, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
 
         def there(name: str) -> str:
-            path = _absolute(self.folder, name)
-            return f"{root}{path}" if path in self.files else name
+            moved = Path(name).is_absolute() and _absolute(name) in self.files
+            return str(below(root, name)) if moved else name
 
         name, separator, rest = self.agent.name.partition(":")
         options = self.agent.options.items()
         moved = {key: there(one) if isinstance(one, str) else one for key, one in options}
         return AgentSpec(f"{there(name)}{separator}{rest}", moved)
+
+
+def below(root: Path, path: str) -> Path:
+    """What stands for an absolute path below a folder."""
+    return Path(f"{root}{_absolute(path)}")
 
 
 def without_root(answer: Answer | Lost, root: Path) -> Answer | Lost:
@@ -91,8 +94,8 @@ def _named_files(agent: AgentSpec) -> Iterator[str]:
             yield value
 
 
-def _absolute(folder: str, name: str) -> str:
-    return os.path.normpath(Path(folder, name))
+def _absolute(name: str) -> str:
+    return os.path.normpath(Path.cwd() / name)
 
 
 def _is_file(path: str) -> bool:

@@ -5,6 +5,7 @@ Every agent has processes of its own: whatever it does to one, no other agent is
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -12,13 +13,14 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from types import TracebackType
 
-from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, call_name
-from crowdbench.evaluation.process import UnreadableAnswerError, WorkerProcess
+from crowdbench.evaluation.answers import UnreadableAnswerError
+from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Call, call_name
+from crowdbench.evaluation.process import WorkerProcess
 from crowdbench.evaluation.protocol import Answer, Broken, Lost, Message
 
 _PATIENCE = 0.1
 """How often limits are looked at [s]."""
-_IDLE = 4
+_KEPT = 4
 """Processes that are kept though nothing is left for them at the moment: starting costs more."""
 _STARVED = 10
 """A limit on processor time, times this, limits wall time, on however busy a machine."""
@@ -37,7 +39,8 @@ class Limits:
         step: ``reset`` and each ``act``.
         first: both together the first time in a process, when things are compiled and loaded;
             at least ``step``, and ``step`` once the agent has shown that it hangs.
-        making: the agent's ``__init__`` and the import of its module.
+        making: the agent's ``__init__`` and the import of its module; also all that happens
+            between its calls.
     """
 
     step: float = 10.0
@@ -52,19 +55,22 @@ class Pool:
     it needs is compiled once.
     """
 
-    def __init__(self, jobs: int, limits: Limits) -> None:
+    def __init__(self, jobs: int, limits: Limits, keep: int = _KEPT) -> None:
         """Start nothing yet.
 
         Args:
             jobs: processes that work at the same time, at most.
             limits: for agent code.
+            keep: processes in all, if more than ``jobs``: those of other agents wait.
         """
-        self._jobs = jobs
+        self._jobs, self._keep = jobs, keep
         self._limits = limits
         self._hung: set[str] = set()
         self._warm: set[str] = set()
         self._processes: list[WorkerProcess] = []
         self._progress: dict[WorkerProcess, tuple[float, float]] = {}
+        self._heard: dict[WorkerProcess, tuple[float, float]] = {}
+        """The latest beat of a process that runs no agent, and when it was first seen."""
 
     def __enter__(self) -> Pool:
         return self
@@ -132,7 +138,7 @@ class Pool:
         for process in sorted(free, key=lambda process: process.agent != agent):
             if process.agent in (agent, ""):
                 return process
-        if len(self._processes) >= max(self._jobs, _IDLE):
+        if len(self._processes) >= max(self._jobs, self._keep):
             self._end(free[0])
         self._processes.append(WorkerProcess())
         return self._processes[-1]
@@ -145,7 +151,7 @@ class Pool:
             answer = process.receive()
         except (EOFError, OSError):
             call, ending = process.heartbeat.read(), process.exit_reason()
-            self._processes.remove(process)
+            self._forget(process)
             where = "" if call.running is None else f" in {call_name(call.step)}"
             if ending.outside:
                 return Lost(
@@ -164,8 +170,8 @@ class Pool:
         """What to say of a call that takes too long, whose process is then ended."""
         call = process.heartbeat.read()
         if call.running is None:
-            self._progress.pop(process, None)
-            return None
+            return self._silent(process, call)
+        self._heard.pop(process, None)
         limit = self._limits.step
         if call.step == MAKING:
             limit = self._limits.making
@@ -180,12 +186,32 @@ class Pool:
         if call.step == WARM_UP:
             self._hung.add(process.agent)
             self._warm.add(process.agent)
-        self._processes.remove(process)
-        self._progress.pop(process, None)
         place = process.stop()
+        self._forget(process)
         return Lost(
             f"{call_name(call.step)} did not return within the limit of {limit:g} s{kind}{place}"
         )
+
+    def _silent(self, process: WorkerProcess, call: Call) -> Lost | None:
+        """What to say of a process that neither runs the agent nor answers.
+
+        Simulating takes a moment and compiling a minute. One that waits for ever has been kept
+        from its heartbeat, or has sent half an answer.
+        """
+        now, limit = time.monotonic(), self._limits.making
+        beat, since = self._heard.get(process, (math.nan, now))
+        if beat != call.processor:  # each beat has a time of its own
+            self._heard[process], since = (call.processor, now), now
+            self._progress.pop(process, None)
+        if now - since <= limit:
+            return None
+        kind = self._patience_lost(process, now - since, call.processor, limit)
+        if not kind:
+            return None
+        self._warm.add(process.agent)
+        place = process.stop()
+        self._forget(process)
+        return Lost(f"its process did not answer within {limit:g} s{kind}{place}")
 
     def _patience_lost(
         self, process: WorkerProcess, running: float, before: float, limit: float
@@ -203,6 +229,10 @@ class Pool:
         return f" and {_STARVED} times that" if running > _STARVED * limit else ""
 
     def _end(self, process: WorkerProcess) -> None:
+        self._forget(process)
+        process.kill()
+
+    def _forget(self, process: WorkerProcess) -> None:
         self._processes.remove(process)
         self._progress.pop(process, None)
-        process.kill()
+        self._heard.pop(process, None)

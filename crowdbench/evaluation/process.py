@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import psutil
 
+from crowdbench.evaluation.answers import AnswerReader, UnreadableAnswerError
 from crowdbench.evaluation.heartbeat import Heartbeat
 from crowdbench.evaluation.keeper import KEPT, PATIENCE
 from crowdbench.evaluation.protocol import Answer, Broken, Described, Done, Message, Refused
@@ -63,10 +64,6 @@ class Ending(NamedTuple):
     outside: bool
 
 
-class UnreadableAnswerError(Exception):
-    """What a process has sent is not an answer."""
-
-
 class WorkerProcess:
     """One worker process, which runs the code of one agent only."""
 
@@ -75,6 +72,7 @@ class WorkerProcess:
         """The agent whose process it is, empty until its first message."""
         self.message: Message | None = None
         self._number = 0
+        self._place = ""
         self._mark = uuid.uuid4().hex
         self.connection, theirs = Pipe()
         self._crash = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
@@ -91,6 +89,7 @@ class WorkerProcess:
                 start_new_session=True,
             )
         theirs.close()
+        self._answers = AnswerReader(self.connection)
 
     @property
     def alive(self) -> bool:
@@ -111,22 +110,18 @@ class WorkerProcess:
             EOFError: the process is gone.
             UnreadableAnswerError: something else has arrived.
         """
-        if not self.connection.poll():
-            if self.alive:
-                return None
+        alive = self.alive
+        for message in self._answers.read():
+            match message:
+                case (int(number), Described() | Done() | Refused() | Broken() as answer):
+                    if number == self._number:
+                        self.message = None
+                        return answer
+                case _:
+                    raise UnreadableAnswerError
+        if self._answers.ended or not alive:
             raise EOFError
-        try:
-            number, answer = self.connection.recv()
-        except (EOFError, OSError):
-            raise
-        except Exception as error:
-            raise UnreadableAnswerError from error
-        if number != self._number:
-            return None
-        if not isinstance(answer, Described | Done | Refused | Broken):
-            raise UnreadableAnswerError
-        self.message = None
-        return answer
+        return None
 
     def processor_time(self) -> float:
         """Processor time of the process and its children so far [s]."""
@@ -145,7 +140,7 @@ class WorkerProcess:
             self._popen.send_signal(signal.SIGABRT)  # makes it note its stack
             self._popen.wait(timeout=_LAST_WORDS)
         self.kill()
-        return self._place()
+        return self._place
 
     def exit_reason(self) -> Ending:
         """Say how the process ended; what it has started ends too."""
@@ -156,9 +151,9 @@ class WorkerProcess:
         if code is None:
             return Ending("its connection closed", outside=False)
         if code >= 0:
-            return Ending(f"exit code {code}{self._place()}", outside=False)
+            return Ending(f"exit code {code}{self._place}", outside=False)
         outside = -code in _FROM_OUTSIDE and self.heartbeat.signal != -code
-        return Ending(_signal_name(-code) + self._place(), outside)
+        return Ending(_signal_name(-code) + self._place, outside)
 
     def kill(self) -> None:
         """End the process and whatever it has started, in whatever session."""
@@ -174,6 +169,7 @@ class WorkerProcess:
                 process.kill()
         self._popen.wait()
         self.connection.close()
+        self._answers.close()
         for _ in range(_ROUNDS):
             found = _marked(self._mark)
             if not found:
@@ -182,8 +178,13 @@ class WorkerProcess:
                 with contextlib.suppress(psutil.Error):
                     process.kill()
             psutil.wait_procs(found, timeout=1)
+        self._place = self._last_place()
+        self._crash.close()
 
-    def _place(self) -> str:
+    def _last_place(self) -> str:
+        """Where it was when it crashed or was stopped, as far as that is known."""
+        if self._crash.closed:
+            return self._place
         self._crash.seek(0)
         frames = re.findall(rb'File "(.*)", line (\d+)', self._crash.read(1 << 16))
         # A signal that an agent raises passes through the worker's own code.

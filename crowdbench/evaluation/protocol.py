@@ -9,6 +9,9 @@ from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.results import Cell
 from crowdbench.scenario import Scenario, ScenarioError
 
+MOST_WARNINGS = 20
+"""Of an agent in a run that are shown, and of an episode that are sent."""
+
 
 @dataclass(frozen=True)
 class Describe:

@@ -1,4 +1,4 @@
-"""The executor ``ray``: agents run on the nodes of a Ray cluster, or of one on this machine alone.
+"""The executor ``ray``: agents run on the nodes of a Ray cluster, or of one that is started here.
 
 Each worker is an actor with one processor (``ray_node``), which gets chunks of episodes of one
 agent and streams the answers back. A worker that is lost with its node costs what it had not
@@ -7,24 +7,28 @@ answered, and that goes to another one.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
+import re
 import socket
 import time
 from collections import deque
 from collections.abc import Iterator
 from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from crowdbench.evaluation.executors import Executor, ExecutorError, Reply
+from crowdbench.evaluation.machine import core_count
 from crowdbench.evaluation.parcel import Parcel
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import Lost, Message
 from crowdbench.evaluation.ray_node import Greeting, Node
 from crowdbench.evaluation.work import Work
 
+_LOCAL = "local"
+"""What stands for a Ray that is started on this machine alone."""
 _REACHED_WITHIN = 5.0
 """[s]; Ray itself tries for minutes."""
 _WITHOUT_NODES = 60.0
@@ -37,6 +41,8 @@ _STILLBORN = 3
 """Workers in a row that do not start, before the run is given up."""
 _OBJECT_STORE = 200_000_000
 """Of a Ray that is started here [bytes]; answers are small and do not go through it."""
+_EXCEPTION = re.compile(r"[\w.]+: ")
+"""How the last line of a traceback begins."""
 _SETTINGS = bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + _SETTINGS
 """What an HTTP/2 client begins with; a server, Ray's too, begins with its own SETTINGS frame."""
@@ -57,7 +63,11 @@ class RayExecutor(Executor):
     remote = True
 
     def __init__(self, jobs: int | None, limits: Limits, address: str | None = None) -> None:
-        """Use the cluster of ``address``, else the one that Ray finds, else one on this machine."""
+        """Use the cluster of ``address`` or ``RAY_ADDRESS``, else one of its own on this machine.
+
+        Ray's search for a cluster on this machine is not used: it finds those of others, and dead
+        ones, with which Ray ends the process after a minute.
+        """
         try:
             import ray
         except ImportError as error:
@@ -90,10 +100,10 @@ class RayExecutor(Executor):
         error: BaseException | None,
         place: TracebackType | None,
     ) -> None:
-        idle = [worker for worker in self._workers if worker.owes is None]
-        with contextlib.suppress(self._ray.exceptions.RayError):
-            ends = [worker.actor.close.remote() for worker in idle]
-            self._ray.wait(ends, num_returns=len(ends), timeout=_CLOSING) if ends else None
+        # Those that are busy are ended by Ray, and their processes with them.
+        ends = [worker.actor.close.remote() for worker in self._workers if worker.owes is None]
+        if ends:
+            self._ray.wait(ends, num_returns=len(ends), timeout=_CLOSING)
         for worker in self._workers:
             self._ray.kill(worker.actor)
         self._workers.clear()
@@ -108,7 +118,7 @@ class RayExecutor(Executor):
     def prepare(self, count: int) -> None:
         """Start workers."""
         while len(self._workers) < min(count, self.jobs):
-            self._workers.append(_Worker(self._kind.remote(self._limits)))
+            self._workers.append(_Worker(self._kind.remote(self._limits, str(Path.cwd()))))
 
     def run(self, queue: deque[Message]) -> Iterator[Reply]:
         """Yield answers as they come from the nodes.
@@ -127,32 +137,27 @@ class RayExecutor(Executor):
                     yield reply
 
     def _connect(self) -> None:
-        """Find a cluster or start one.
+        """Connect to the cluster, or start one on this machine.
 
         Raises:
             ExecutorError: there is none at the address, or it cannot be used.
         """
-        ray, address = self._ray, self._address or os.environ.get("RAY_ADDRESS")
+        address = self._address or os.environ.get("RAY_ADDRESS") or _LOCAL
         settings: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-        if address not in (None, "auto", "local"):
+        if address == _LOCAL:
+            settings |= {"num_cpus": core_count(), "include_dashboard": False}
+            settings |= {"object_store_memory": _OBJECT_STORE}
+        else:
             _require_reachable(address)
         try:
-            try:
-                if address == "local":
-                    raise ConnectionError
-                ray.init(address=address or "auto", **settings)
-            except ConnectionError:
-                if address not in (None, "local"):
-                    raise
-                ray.init(
-                    address="local",
-                    object_store_memory=_OBJECT_STORE,
-                    include_dashboard=False,
-                    **settings,
-                )
+            self._ray.init(address=address, **settings)
         except Exception as error:
             told = " ".join(str(error).split())
-            raise ExecutorError(f"Ray at {address or 'this machine'}: {told}") from error
+            if isinstance(error, ConnectionError) and "RAY_AUTH_MODE" not in os.environ:
+                told += (
+                    "; clusters that `ray start` makes want the user's token: RAY_AUTH_MODE=token"
+                )
+            raise ExecutorError(f"Ray at {address}: {told}") from error
 
     def _count_processors(self) -> int:
         now = time.monotonic()
@@ -219,7 +224,7 @@ class RayExecutor(Executor):
         """Do without a worker that is gone; what it had is done by another."""
         self._workers.remove(worker)
         self._ray.kill(worker.actor)
-        reason = " ".join(str(error).split())
+        reason = _reason(error)
         if worker.greeting is None:
             self._stillborn += 1
             if self._stillborn >= _STILLBORN:
@@ -235,6 +240,12 @@ class RayExecutor(Executor):
         )
 
 
+def _reason(error: Exception) -> str:
+    """What Ray says of a worker that is gone: the exception there, else its first sentence."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [repr(error)]
+    return lines[-1] if _EXCEPTION.match(lines[-1]) else lines[0]
+
+
 def _require_reachable(address: str) -> None:
     """Find out within seconds whether a Ray cluster may be at an address, ``host:port``.
 
@@ -244,8 +255,8 @@ def _require_reachable(address: str) -> None:
     host, separator, port = address.rpartition(":")
     if "://" in address or not separator or not port.isdigit():
         raise ExecutorError(
-            f"Ray address {address!r}: expected HOST:PORT of the cluster's head (as `ray start "
-            "--head` says it), auto or local"
+            f"Ray address {address!r}: expected HOST:PORT of the cluster's head, as `ray start "
+            f"--head` says it, or {_LOCAL}"
         )
     try:
         with socket.create_connection((host, int(port)), timeout=_REACHED_WITHIN) as connection:

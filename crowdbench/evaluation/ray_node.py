@@ -14,10 +14,13 @@ from typing import NamedTuple
 
 from crowdbench.agent import AgentSpec
 from crowdbench.evaluation.machine import machine_name
-from crowdbench.evaluation.parcel import Parcel, without_root
+from crowdbench.evaluation.parcel import Parcel, below, without_root
 from crowdbench.evaluation.pool import Limits, Pool
 from crowdbench.evaluation.protocol import Answer, Lost, Message
 from crowdbench.evaluation.results import Origin
+
+_KEPT = 2
+"""Processes of a worker: there may be as many workers as processors, and memory is limited."""
 
 
 class Greeting(NamedTuple):
@@ -37,12 +40,19 @@ class Greeting(NamedTuple):
 class Node:
     """One worker, an actor of Ray's: it holds agents' processes and runs one episode at a time."""
 
-    def __init__(self, limits: Limits) -> None:
-        """Start a process ahead of its work; ``limits`` are for agent code."""
+    def __init__(self, limits: Limits, folder: str) -> None:
+        """Start a process ahead of its work.
+
+        Args:
+            limits: for agent code.
+            folder: the one that the run was started in, where it was started.
+        """
         self._root = Path(tempfile.mkdtemp(prefix="crowdbench-")).resolve()
-        os.chdir(self._root)  # processes start in it
+        here = below(self._root, folder)
+        here.mkdir(parents=True, exist_ok=True)
+        os.chdir(here)  # processes start in it
         self._unpacked: dict[str, AgentSpec] = {}
-        self._pool = Pool(1, limits)
+        self._pool = Pool(1, limits, keep=_KEPT)
         self._pool.prepare(1)
 
     def greet(self) -> Greeting:

@@ -181,17 +181,6 @@ def load_commands(cell: Cell, folder: Path | None = None) -> Commands:
     return Commands({name: np.concatenate([part[name] for part in there]) for name in there[0]})
 
 
-def record_commands(
-    cell: Cell, seed: int, folder: Path | None = None
-) -> list[NDArray[np.float64]] | None:
-    """For each robot of one published episode (T, 2); None if it or its commands are not there.
-
-    Raises:
-        ResultsError: a file that is damaged; the message names it.
-    """
-    return list(load_commands(cell, folder).of(seed).values()) or None
-
-
 def write_cell(
     folder: Path,
     cell: Cell,

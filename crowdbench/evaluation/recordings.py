@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crowdbench.evaluation.driven import Driven, simulate
+from crowdbench.evaluation.apart import apart
+from crowdbench.evaluation.driven import Driven, ResimulationError, simulate
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.joined import PUBLISHED, cells_of
 from crowdbench.evaluation.record import Commands, load_commands
-from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsError, load_driven
 from crowdbench.evaluation.stored import defined_scenario, find_scenario, replayable_seeds
 from crowdbench.scenario import Scenario
@@ -54,6 +55,8 @@ class Recording:
     ) -> list[Episode]:
         """What happened with a seed, one log per robot, simulated again.
 
+        Without an environment or anybody to watch, that is done in a process apart.
+
         Args:
             seed: one of ``seeds``.
             env: of the same scenario, to use again.
@@ -63,9 +66,10 @@ class Recording:
             ResultsError: the commands cannot be read, or are not those of this episode.
         """
         try:
-            label = self.cell.agent
-            world = env or self.scenario
-            return simulate(world, seed, self.load(seed), label=label, on_step=on_step)
+            again = partial(simulate, label=self.cell.agent)
+            if env is None and on_step is None:
+                return apart(again, self.scenario, seed, self.load(seed))
+            return again(env or self.scenario, seed, self.load(seed), on_step=on_step)
         except ResimulationError as error:
             raise ResultsError(f"{self.sources[seed]}: {error}") from error
 

@@ -15,8 +15,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from crowdbench.evaluation.driven import Driven, simulate
-from crowdbench.evaluation.resimulate import ResimulationError
+from crowdbench.evaluation.driven import Driven, ResimulationError, simulate
 from crowdbench.scenario import Scenario
 
 CHUNK = 50

@@ -1,9 +1,9 @@
-"""Bootstrap and permutations of one sample: hundreds in a second, in bounded memory.
+"""Bootstrap and permutations of samples: hundreds in a second, in bounded memory.
 
 A report has hundreds of samples of few sizes, and drawing is nearly all of the work. So all samples
-of one size share their draws: a matrix, kept in one byte per number, whose product with a sample is
-everything that is asked of it. Samples of a size that is too large to keep are drawn for anew,
-block by block.
+of one size that are asked for together share their draws: a matrix, made a block of rows at a time,
+whose product with a sample is everything that is asked of it. What comes out is the same to the
+last bit as one by one.
 
 The draws belong to places in the sample: give values in the order of their seeds, and the same
 episodes have the same interval wherever it is printed.
@@ -12,7 +12,6 @@ episodes have the same interval wherever it is printed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,56 +22,44 @@ RESAMPLES = 9999
 
 _SEED = 0
 _BLOCK = 100_000
-"""Numbers drawn at a time."""
-_LONGEST_KEPT = 4000
-"""Values of a sample whose draws are kept: 40 MB."""
+"""Numbers of a block: it stays in the processor's cache while samples are multiplied with it."""
+_TOGETHER = 128
+"""Samples whose products are held at the same time: 10 MB."""
 _SAME = 1e-12
 """Values this close, relative to the largest, differ by rounding alone."""
 _TIE = 1e-9
 """Sums that differ by less than this share of their terms are equal, whatever the rounding."""
 
-Draws = Callable[[int], Iterator[NDArray[np.integer]]]
+Array = NDArray[np.float64]
+Draws = Callable[[int], Iterator[Array]]
 
 
-def bootstrap_limits(sample: NDArray[np.float64]) -> tuple[float, float]:
-    """The BCa bootstrap interval of a mean (Efron 1987, sections 2 and 7).
+def bootstrap_limits(samples: Sequence[Array]) -> list[tuple[float, float]]:
+    """The BCa bootstrap interval of each sample's mean (Efron 1987, sections 2 and 7).
 
     One value or none says nothing about the spread: NaN. Equal values give a width of zero.
 
     Args:
-        sample: (n,) without NaN.
+        samples: (n,) each, without NaN, of any sizes.
 
     Returns:
-        Both limits, for ``CONFIDENCE``.
+        Both limits of each, for ``CONFIDENCE``.
     """
-    return bootstrap_limits_of([sample])[0]
-
-
-def bootstrap_limits_of(samples: Sequence[NDArray[np.float64]]) -> list[tuple[float, float]]:
-    """``bootstrap_limits`` of samples of one size, to the last bit, which is faster.
-
-    Args:
-        samples: (n,) each.
-    """
-    limits: dict[int, tuple[float, float]] = {}
-    deviations: dict[int, NDArray[np.float64]] = {}
+    limits: list[tuple[float, float]] = []
+    deviations: dict[int, Array] = {}
     for number, sample in enumerate(samples):
         mean = float(sample.mean()) if len(sample) else np.nan
-        if len(sample) < 2:
-            limits[number] = np.nan, np.nan
-        elif np.ptp(sample) <= _SAME * np.abs(sample).max():
-            limits[number] = mean, mean
-        else:
+        limits.append((mean, mean) if len(sample) > 1 else (np.nan, np.nan))
+        if len(sample) > 1 and np.ptp(sample) > _SAME * np.abs(sample).max():
             deviations[number] = (sample - mean) / float(np.ptp(sample))
-    sums = _products(_counts, list(deviations.values()))
-    for (number, deviation), total in zip(deviations.items(), sums, strict=True):
-        low, high = _bca(total / len(deviation), deviation)
+    for number, total in _products(_counts, deviations):
+        low, high = _bca(total / len(samples[number]), deviations[number])
         mean, spread = float(samples[number].mean()), float(np.ptp(samples[number]))
         limits[number] = mean + spread * low, mean + spread * high
-    return [limits[number] for number in range(len(samples))]
+    return limits
 
 
-def _bca(means: NDArray[np.float64], deviation: NDArray[np.float64]) -> tuple[float, float]:
+def _bca(means: Array, deviation: Array) -> tuple[float, float]:
     """Limits from resampled means of deviations from a mean."""
     # Bias: where the mean stands among the resampled ones, ties counting half.
     below = (np.mean(means < -_TIE) + np.mean(means <= _TIE)) / 2
@@ -84,74 +71,78 @@ def _bca(means: NDArray[np.float64], deviation: NDArray[np.float64]) -> tuple[fl
     return float(low), float(high)
 
 
-def sign_flip_p(differences: NDArray[np.float64]) -> float:
-    """Two-sided p-value of the mean of paired differences, each swapped or not.
+def sign_flip_p(samples: Sequence[Array]) -> list[float]:
+    """Two-sided p-values of means of paired differences, each pair swapped or not.
 
     Exact when the 2^n ways to swap are no more than ``RESAMPLES``, else drawn at random.
 
     Args:
-        differences: (n,) without NaN.
+        samples: differences (n,) each, without NaN, of any sizes.
 
     Returns:
         NaN without pairs; 1 for a single pair or when all pairs are equal.
     """
-    n = len(differences)
-    if not n:
-        return np.nan
-    if n == 1 or not np.any(differences):
-        return 1.0
-    few = n < RESAMPLES.bit_length()
-    (sums,) = np.abs(_products(_all_signs if few else _signs, [differences]))
-    least = abs(differences.sum()) - _TIE * np.abs(differences).sum()
-    as_extreme = np.count_nonzero(sums >= least)
-    return float(as_extreme / len(sums) if few else (1 + as_extreme) / (1 + len(sums)))
+    p = [1.0 if len(sample) else np.nan for sample in samples]
+    differ = {k: sample for k, sample in enumerate(samples) if len(sample) > 1 and sample.any()}
+    few = {k: sample for k, sample in differ.items() if len(sample) < RESAMPLES.bit_length()}
+    many = {k: sample for k, sample in differ.items() if k not in few}
+    for draws, chosen in ((_all_signs, few), (_signs, many)):
+        for number, sums in _products(draws, chosen):
+            sample = samples[number]
+            least = abs(sample.sum()) - _TIE * np.abs(sample).sum()
+            as_extreme = np.count_nonzero(np.abs(sums) >= least)
+            drawn = int(draws is _signs)  # the pairs as they are count as one of the draws
+            p[number] = float((drawn + as_extreme) / (drawn + len(sums)))
+    return p
 
 
-def _products(draws: Draws, samples: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """(m,) each draw's product with a sample, for each of those, which have one size."""
-    if not samples:
-        return []
-    n = len(samples[0])
-    products: list[list[NDArray[np.float64]]] = [[] for _ in samples]
-    for block in _kept(draws, n) if n <= _LONGEST_KEPT else draws(n):
-        # Converting takes longer than multiplying, so it is done once for all samples.
-        numbers = block.astype(np.float64)
-        for sample, found in zip(samples, products, strict=True):
-            found.append(numbers @ sample)
-    return [np.concatenate(found) for found in products]
+def _products(draws: Draws, samples: dict[int, Array]) -> Iterator[tuple[int, Array]]:
+    """(m,) each draw's product with a sample, for each of those, by size."""
+    by_size: dict[int, list[int]] = {}
+    for number, sample in samples.items():
+        by_size.setdefault(len(sample), []).append(number)
+    for n, numbers in by_size.items():
+        for first in range(0, len(numbers), _TOGETHER):
+            together = numbers[first : first + _TOGETHER]
+            products: list[list[Array]] = [[] for _ in together]
+            for block in draws(n):
+                for number, found in zip(together, products, strict=True):
+                    found.append(block @ samples[number])
+            for number, found in zip(together, products, strict=True):
+                yield number, np.concatenate(found)
 
 
-@lru_cache(maxsize=4)
-def _kept(draws: Draws, n: int) -> list[NDArray[np.integer]]:
-    return list(draws(n))
-
-
-def _counts(n: int) -> Iterator[NDArray[np.integer]]:
+def _counts(n: int) -> Iterator[Array]:
     """(rows, n) how often each of n values is drawn in each resample, RESAMPLES rows in all."""
-    rng = np.random.default_rng([_SEED, n])
-    for rows in _rows(max(1, _BLOCK // n)):
-        drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        counts = np.bincount(drawn.ravel(), minlength=rows * n).reshape(-1, n)
-        # More than 255 times the same one of n > 255 values: less likely than 1e-500.
-        yield counts.astype(np.uint8)
+    rng, most = np.random.default_rng([_SEED, n]), max(1, _BLOCK // n)
+    places = n * np.arange(most)[:, None]
+    for block in _blocks(n, most):
+        drawn = rng.integers(n, size=block.shape)
+        drawn += places[: len(block)]
+        block[:] = np.bincount(drawn.ravel(), minlength=block.size).reshape(block.shape)
+        yield block
 
 
-def _all_signs(n: int) -> Iterator[NDArray[np.integer]]:
+def _all_signs(n: int) -> Iterator[Array]:
     """(2^n, n) signs of the differences after each way to swap pairs."""
     swapped = np.arange(2**n)[:, None] >> np.arange(n) & 1
-    yield (1 - 2 * swapped).astype(np.int8)
+    yield np.where(swapped, -1.0, 1.0)
 
 
-def _signs(n: int) -> Iterator[NDArray[np.integer]]:
+def _signs(n: int) -> Iterator[Array]:
     """(rows, n) the same for swaps drawn at random, RESAMPLES rows in all."""
     rng, width = np.random.default_rng([_SEED, n]), -(-n // 8)
     # The generator gives four bytes at a time: rows by fours leave none over between blocks.
-    for rows in _rows(4 * max(1, _BLOCK // (4 * n))):
-        packed = np.frombuffer(rng.bytes(rows * width), np.uint8).reshape(rows, width)
-        yield 1 - 2 * np.unpackbits(packed, axis=1, count=n).astype(np.int8)
+    for block in _blocks(n, 4 * max(1, _BLOCK // (4 * n))):
+        packed = np.frombuffer(rng.bytes(len(block) * width), np.uint8).reshape(-1, width)
+        block[:] = np.unpackbits(packed, axis=1, count=n)
+        block *= -2.0
+        block += 1.0
+        yield block
 
 
-def _rows(most: int) -> Iterator[int]:
-    """RESAMPLES in pieces."""
+def _blocks(n: int, most: int) -> Iterator[Array]:
+    """RESAMPLES rows of n numbers in blocks, which share their memory one after the other."""
+    block = np.empty((most, n))
     for start in range(0, RESAMPLES, most):
-        yield min(most, RESAMPLES - start)
+        yield block[: RESAMPLES - start]

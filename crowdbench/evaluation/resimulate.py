@@ -13,14 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.agent import Action, Agent, Observation, RobotSpec
+from crowdbench.evaluation.driven import ResimulationError
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.env import CrowdEnv
-
-
-class ResimulationError(ValueError):
-    """Commands that do not belong to the episode; the message says which robot and step."""
 
 
 class _Repeats(Agent):

@@ -19,10 +19,11 @@ from typing import Any
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
 from crowdbench.compiled import note_run, was_run
 from crowdbench.evaluation.database import require_writable
-from crowdbench.evaluation.driven import Driven
+from crowdbench.evaluation.driven import Driven, ResimulationError
 from crowdbench.evaluation.executors import EXECUTORS, Executor
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import (
+    MOST_WARNINGS,
     Answer,
     Broken,
     Describe,
@@ -33,7 +34,6 @@ from crowdbench.evaluation.protocol import (
     Message,
     Refused,
 )
-from crowdbench.evaluation.resimulate import ResimulationError
 from crowdbench.evaluation.results import Cell, ResultsStore, scenario_label
 from crowdbench.evaluation.scoring import Scorer
 from crowdbench.scenario import Scenario, ScenarioError
@@ -273,11 +273,14 @@ def _driven(job: Job, answer: Answer | Lost) -> list[Driven]:
 
 
 def _pass_on_warnings(agent: str, answer: Answer | Lost, warned: set[tuple[str, str]]) -> None:
-    """Warn of what an agent warned of in its process, of each thing once in a run."""
+    """Warn of what an agent warned of in its process, of each thing once and of some in a run."""
+    told = sum(name == agent for name, _ in warned)
     for text in answer.warned if isinstance(answer, Done) else ():
-        if (agent, text) not in warned:
+        if (agent, text) not in warned and told <= MOST_WARNINGS:
             warned.add((agent, text))
-            warnings.warn(f"agent {agent!r}: {text}", stacklevel=3)
+            told += 1
+            shown = text if told <= MOST_WARNINGS else "further warnings of this run are not shown"
+            warnings.warn(f"agent {agent!r}: {shown}", stacklevel=3)
 
 
 def _last_line(broken: Broken) -> str:

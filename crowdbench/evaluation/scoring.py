@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crowdbench.evaluation.driven import Driven, simulate
-from crowdbench.evaluation.resimulate import ResimulationError
+from crowdbench.evaluation.driven import Driven, ResimulationError, simulate
 from crowdbench.evaluation.results import Origin, Result
 from crowdbench.scenario import Scenario, ScenarioError
 

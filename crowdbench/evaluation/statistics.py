@@ -12,18 +12,18 @@ order have the same interval wherever it is printed. All callers go by seed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import ndtri
 
 from crowdbench.evaluation.metric import Metric
 from crowdbench.evaluation.metrics import METRICS
-from crowdbench.evaluation.resampling import CONFIDENCE, bootstrap_limits_of, sign_flip_p
+from crowdbench.evaluation.resampling import CONFIDENCE, bootstrap_limits, sign_flip_p
 
 
 class PairingError(ValueError):
@@ -49,6 +49,10 @@ class Difference(NamedTuple):
     p: float
 
 
+Sample = tuple[Metric, ArrayLike, ArrayLike | None]
+"""What ``estimate`` takes: a metric, its values and, if it is weighted, its weights."""
+
+
 def estimate(metric: Metric, values: ArrayLike, weights: ArrayLike | None = None) -> Estimate:
     """Mean and interval of a metric, as everything that is printed has it.
 
@@ -58,37 +62,41 @@ def estimate(metric: Metric, values: ArrayLike, weights: ArrayLike | None = None
             was averaged over the robots of an episode is a mean like any other.
         weights: (n,) values of the metric that this one is weighted by, if it is.
     """
-    given = {"values": values} | ({metric.weight: weights} if weights is not None else {})
-    return estimates({"values": metric}, given)["values"]
+    return estimate_all([(metric, values, weights)])[0]
 
 
 def estimates(
     metrics: Mapping[str, Metric], values: Mapping[str, ArrayLike]
 ) -> dict[str, Estimate]:
-    """``estimate`` of several metrics, to the last bit, which is faster than one by one.
+    """``estimate`` of several metrics.
 
     Args:
         metrics: by name.
         values: for each of them, and for each that weighs one of them, (n,) as ``estimate`` takes
             them.
     """
-    samples = {
-        name: _defined(
-            linearised(values[name], values[metric.weight]) if metric.weight else values[name]
-        )
+    return dict(zip(metrics, estimate_all(samples_of(metrics, values)), strict=True))
+
+
+def samples_of(metrics: Mapping[str, Metric], values: Mapping[str, ArrayLike]) -> list[Sample]:
+    """What ``estimate_all`` takes, in the order of the metrics; arguments as of ``estimates``."""
+    return [
+        (metric, values[name], values[metric.weight] if metric.weight else None)
         for name, metric in metrics.items()
-    }
-    found: dict[str, Estimate] = {}
-    by_size: dict[int, list[str]] = {}
-    for name, sample in samples.items():
-        if metrics[name].kind == "proportion" and np.isin(sample, (0.0, 1.0)).all():
-            found[name] = wilson_interval(sample)
-        else:
-            by_size.setdefault(len(sample), []).append(name)
-    for names in by_size.values():
-        intervals = _mean_intervals([samples[name] for name in names])
-        found |= zip(names, intervals, strict=True)
-    return {name: found[name] for name in metrics}
+    ]
+
+
+def estimate_all(samples: Iterable[Sample]) -> list[Estimate]:
+    """``estimate`` of each, to the last bit, which is faster than one by one."""
+    found: list[Estimate | None] = []
+    means: list[NDArray[np.float64]] = []
+    for metric, values, weights in samples:
+        sample = _defined(values if weights is None else linearised(values, weights))
+        share = metric.kind == "proportion" and np.isin(sample, (0.0, 1.0)).all()
+        found.append(wilson_interval(sample) if share else None)
+        means += [] if share else [sample]
+    intervals = iter(_mean_intervals(means))
+    return [next(intervals) if one is None else one for one in found]
 
 
 def linearised(values: ArrayLike, weights: ArrayLike) -> NDArray[np.float64]:
@@ -150,8 +158,16 @@ def paired_difference(differences: ArrayLike) -> Difference:
     Args:
         differences: (n,) one per seed, in the order of the seeds; NaN is left out.
     """
-    sample = _defined(differences)
-    return Difference(*mean_interval(sample), sign_flip_p(sample))
+    return paired_differences([differences])[0]
+
+
+def paired_differences(several: Iterable[ArrayLike]) -> list[Difference]:
+    """``paired_difference`` of several samples, which is faster than one by one."""
+    samples = [_defined(differences) for differences in several]
+    return [
+        Difference(*interval, p)
+        for interval, p in zip(_mean_intervals(samples), sign_flip_p(samples), strict=True)
+    ]
 
 
 def per_episode(rows: pd.DataFrame, metrics: Iterable[str]) -> pd.DataFrame:
@@ -224,25 +240,27 @@ def compare(a: pd.DataFrame, b: pd.DataFrame, metrics: Sequence[str] | None = No
             f"no scenario in common: the first has {_listed(a['scenario'])}, "
             f"the second {_listed(b['scenario'])}"
         )
-    rows = []
+    pairs = {}
     for scenario in scenarios:
         one, other = _paired(a, b, scenario)
         for metric in metrics:
-            x, y = defined_pairs(metric, one, other)
-            difference = paired_difference(x - y)
-            rows.append(
-                {
-                    "scenario": scenario,
-                    "metric": metric,
-                    "n": difference.n,
-                    "mean_a": x.mean() if len(x) else np.nan,
-                    "mean_b": y.mean() if len(y) else np.nan,
-                    "difference": difference.mean,
-                    "low": difference.low,
-                    "high": difference.high,
-                    "p": difference.p,
-                }
-            )
+            pairs[scenario, metric] = defined_pairs(metric, one, other)
+    rows = []
+    differences = paired_differences([x - y for x, y in pairs.values()])
+    for ((scenario, metric), (x, y)), difference in zip(pairs.items(), differences, strict=True):
+        rows.append(
+            {
+                "scenario": scenario,
+                "metric": metric,
+                "n": difference.n,
+                "mean_a": x.mean() if len(x) else np.nan,
+                "mean_b": y.mean() if len(y) else np.nan,
+                "difference": difference.mean,
+                "low": difference.low,
+                "high": difference.high,
+                "p": difference.p,
+            }
+        )
     table = pd.DataFrame(rows)
     table["p_holm"] = holm(table["p"])
     return table
@@ -300,17 +318,21 @@ def _listed(items: pd.Series | pd.Index, most: int = 10) -> str:
 
 
 def _mean_intervals(samples: Sequence[NDArray[np.float64]]) -> list[Estimate]:
-    """Of samples of one size, without NaN."""
+    """Of samples without NaN."""
     return [
         Estimate(float(sample.mean()) if len(sample) else np.nan, *limits, len(sample))
-        for sample, limits in zip(samples, bootstrap_limits_of(samples), strict=True)
+        for sample, limits in zip(samples, bootstrap_limits(samples), strict=True)
     ]
 
 
-@cache
 def _wilson_limits(ones: int, n: int) -> tuple[float, float]:
-    low, high = stats.binomtest(ones, n).proportion_ci(CONFIDENCE, method="wilson")
-    return float(low), float(high)
+    """Equation 4 of Wilson (1927), in the form of Newcombe (1998)."""
+    z, share = float(ndtri((1 + CONFIDENCE) / 2)), ones / n
+    whole = 2 * (n + z**2)
+    centre = (2 * n * share + z**2) / whole
+    reach = z / whole * math.sqrt(4 * n * share * (1 - share) + z**2)
+    # At the ends rounding would leave the limit next to 0 or 1.
+    return centre - reach if ones > 0 else 0.0, centre + reach if ones < n else 1.0
 
 
 def _defined(values: ArrayLike) -> NDArray[np.float64]:

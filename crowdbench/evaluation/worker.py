@@ -9,7 +9,6 @@ Everything heavy is imported in ``main``: nothing of it is needed before.
 from __future__ import annotations
 
 import contextlib
-import copy
 import faulthandler
 import hashlib
 import os
@@ -27,6 +26,7 @@ from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Heartbeat
 from crowdbench.evaluation.keeper import keep
 from crowdbench.evaluation.protocol import (
+    MOST_WARNINGS,
     Answer,
     Broken,
     Describe,
@@ -37,7 +37,7 @@ from crowdbench.evaluation.protocol import (
     Refused,
 )
 from crowdbench.messages import plain_text, short
-from crowdbench.scenario import Scenario, ScenarioError
+from crowdbench.scenario import NoRoomError, Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv
@@ -117,7 +117,7 @@ class _Worker:
                 return self._described
             return self._run(message)
         except (AgentError, ScenarioError) as error:
-            return Refused(copy.copy(error))  # without what caused it, which may not travel
+            return Refused(_plain(error))
         except BaseException:  # whatever an agent has put in place of what runs here
             return Broken(traceback.format_exc())
 
@@ -142,7 +142,9 @@ class _Worker:
 
     def _note_warning(self, message: Warning | str, *place: Any, **more: Any) -> None:
         """Keep a warning for the parent, which shows each once however many processes there are."""
-        self._warned.append(" ".join(str(message).split())[:_LONGEST_WARNING])
+        text = " ".join(str(message).split())[:_LONGEST_WARNING]
+        if text not in self._warned and len(self._warned) <= MOST_WARNINGS:
+            self._warned.append(text)
 
     def _environment(self, scenario: Scenario) -> CrowdEnv:
         from crowdbench.simulation.env import CrowdEnv
@@ -161,6 +163,14 @@ class _Worker:
             weights, drives = _weights(spec, agent), _drives(spec, agent)
             version = _text(spec, "version", vars(type(agent)).get("version"))
         self._described = Described(weights, code_version(spec.name, version), drives)
+
+
+def _plain(error: AgentError | ScenarioError) -> AgentError | ScenarioError:
+    """The same error without what caused it and whatever else may not travel."""
+    if isinstance(error, NoRoomError):
+        return NoRoomError(plain_text(str(error)), int(error.seed))
+    kind = AgentError if isinstance(error, AgentError) else ScenarioError
+    return kind(plain_text(str(error)))
 
 
 def _weights(spec: AgentSpec, agent: Agent) -> str:

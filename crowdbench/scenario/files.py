@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,8 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     """
     if isinstance(name, Scenario):
         scenario = name.override(changes) if changes else name
+    elif not changes and not _is_path(str(name)):
+        scenario = _own(str(name))
     else:
         document = _resolve(str(name), base=None, seen=())
         for key, value in flatten(changes).items():
@@ -68,6 +71,12 @@ def parse_overrides(items: list[str]) -> dict[str, Any]:
     return changes
 
 
+@cache
+def _own(name: str) -> Scenario:
+    """A built-in scenario as it is: parsed once, as rows by the hundred name the same few."""
+    return validate(_resolve(name, base=None, seen=()), source=name)
+
+
 def _warn_of_passed_goals(scenario: Scenario) -> None:
     robots = scenario.robots
     fastest, bounds = max(map(abs, robots.speed)), "robots.speed"
@@ -88,6 +97,10 @@ def _folder() -> Any:
     return resources.files("crowdbench_scenarios")
 
 
+def _is_path(name: str) -> bool:
+    return name.endswith((".yaml", ".yml"))
+
+
 def _is_yaml(path: Any) -> bool:
     return str(path.name).endswith(".yaml")
 
@@ -106,7 +119,7 @@ def _read(path: Any) -> dict[str, Any]:
 
 def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, Any]:
     """Read a document with everything it extends merged beneath it."""
-    is_path = name.endswith((".yaml", ".yml"))
+    is_path = _is_path(name)
     path: Any = (base / name if base else Path(name)) if is_path else _folder() / f"{name}.yaml"
     if not _is_file(path):
         if is_path:

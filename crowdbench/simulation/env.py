@@ -141,12 +141,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from crowdbench.agent import RobotSpec, lidar_angles
+from crowdbench.agent import RobotSpec
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
-from crowdbench.simulation.lidar import beam_table
-from crowdbench.simulation.reward import reward_and_outcome
+from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
+from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import World
 
@@ -222,7 +222,6 @@ class CrowdEnv(ParallelEnv):
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
         self._low, self._high = drive.low, drive.high
-        self._beams = beam_table(lidar_angles(scenario))
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None
         self._renderer: Any = None
@@ -269,16 +268,15 @@ class CrowdEnv(ParallelEnv):
 
     def _begin(self, seed: int) -> dict[str, Any]:
         """Build the world of an episode; observations by agent."""
-        self._world = World(self.scenario, seed)
+        if self._world is None:
+            self._world = World(self.scenario, seed)
+        else:
+            self._world.begin(seed)
         self._seed = seed
         self._taken: list[tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]] = []
-        self._origin = self._world.pose.copy()
-        self._noise = [streams.lidar(seed, r) for r in range(len(self._robots))]
         self._steps = 0
-        self._scans: dict[str, NDArray[np.float32]] = {}
         self.agents = list(self.possible_agents)
-        self._distance = np.linalg.norm(self._world.goals - self._world.pose[:, :2], axis=1)
-        seen = {name: self._observe(r)[0] for r, name in enumerate(self._robots)}
+        seen: dict[str, Any] = observations.observe_robots(self._world, self._robots)
         return seen | observations.observe_pedestrians(self._world, self._walkers)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -339,29 +337,28 @@ class CrowdEnv(ParallelEnv):
         """One control period with actions (R, 2) and velocities (2,) within their limits."""
         world = self._world
         assert world is not None
-        before = world.pedestrians.position
+        before = world.pedestrians.position.copy()
         world.step(commands, walking)
         self._steps += 1
         late = self._steps >= self._max_steps
-        seen: dict[str, Any] = {}
+        seen: dict[str, Any] = observations.observe_robots(world, self._robots)
+        world.judge()
         rewards: dict[str, float] = {}
         terminations: dict[str, bool] = {}
         truncations: dict[str, bool] = {}
         infos: dict[str, Any] = {}
-        for r, name in enumerate(self._robots):
-            if not world.active[r]:
-                continue
-            seen[name], nearest = self._observe(r)
-            terms, outcome, self._distance[r] = reward_and_outcome(
-                world, self.scenario, r, nearest, float(self._distance[r])
-            )
-            rewards[name] = float(sum(terms.values()))
-            terminations[name] = outcome in ("success", "collision")
-            truncations[name] = late and outcome == "running"
+        contacts = world.contacts
+        for name in list(seen):
+            r = self._robots.index(name)
+            outcome = int(world.outcome[r])
+            terminations[name] = outcome != RUNNING
+            truncations[name] = late and outcome == RUNNING
+            by_name = dict(zip(TERMS, world.terms[r].tolist(), strict=True))
+            rewards[name] = float(sum(by_name.values()))
             infos[name] = {
-                "outcome": "timeout" if truncations[name] else outcome,
-                "reward_terms": terms,
-                "contact": world.contacts.get(r),
+                "outcome": OUTCOMES[TIMEOUT if truncations[name] else outcome],
+                "reward_terms": by_name,
+                "contact": contacts.get(r),
             }
         for name, ended in terminations.items():
             if ended:
@@ -397,20 +394,11 @@ class CrowdEnv(ParallelEnv):
             from crowdbench.simulation.rendering import Renderer
 
             self._renderer = Renderer(self.scenario, self.render_mode)
-        return self._renderer.draw(self.state(), self._scans)
+        scans = as_observation(self._world.seen)["lidar"]
+        return self._renderer.draw(self.state(), dict(zip(self._robots, scans, strict=True)))
 
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _observe(self, r: int) -> tuple[dict[str, NDArray[np.float32]], float]:
-        """A robot's observation, and its least true LiDAR distance [m]."""
-        assert self._world is not None
-        seen, nearest = observations.observe_robot(
-            self._world, self.scenario, r, self._beams, self._noise[r], self._origin[r]
-        )
-        # A copy: whoever gets the observation may change it.
-        self._scans[self._robots[r]] = seen["lidar"].copy()
-        return seen, nearest

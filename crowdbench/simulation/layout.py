@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
@@ -84,14 +86,15 @@ def _attempt(scenario: Scenario, rng: np.random.Generator, effort: int) -> Layou
     people = scenario.pedestrians
     clearance = robot_radius(scenario.robots) + people.spawn_clearance
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
-    position = np.empty((people.count, 2))
+    fixed = len(taken)
+    taken = np.vstack([taken, np.full((people.count, 3), people.radius)])
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
     for p in range(people.count):
-        spot = _fit(rng, half, taken, people.radius)
+        spot = _fit(rng, half, taken[: fixed + p], people.radius)
         if spot is None:
             raise _CrowdedError(f"pedestrian {p + 1} of {people.count} found no place")
-        position[p] = spot
-        taken = np.vstack([taken, [*spot, people.radius]])
+        taken[fixed + p, :2] = spot
+    position = taken[fixed:, :2].copy()
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     return Layout(pose, goal, obstacles, _walls(scenario), position, reactive)
@@ -201,10 +204,30 @@ def _fit(
     """A centre within +/- half (2,) [m] for a disc that overlaps none of ``taken`` (N, 3)."""
     if (half < 0).any():
         return None
+    spot = np.empty(2)
     for _ in range(_BATCHES):
-        spots = rng.uniform(-half, half, size=(_BATCH, 2))
-        gaps = np.linalg.norm(spots[:, None] - taken[None, :, :2], axis=2)
-        free = (gaps > taken[:, 2] + radius).all(axis=1)
-        if free.any():
-            return spots[np.argmax(free)]
+        if _first_free(rng.random(2 * _BATCH), half, taken, radius, spot):
+            return spot
     return None
+
+
+@compiled()
+def _first_free(
+    draws: NDArray[np.float64],
+    half: NDArray[np.float64],
+    taken: NDArray[np.float64],
+    radius: float,
+    spot: NDArray[np.float64],
+) -> bool:
+    """Write the first of the drawn places, two draws in [0, 1) each, that is free."""
+    for k in range(len(draws) // 2):
+        x = 2.0 * half[0] * draws[2 * k] - half[0]
+        y = 2.0 * half[1] * draws[2 * k + 1] - half[1]
+        free = True
+        for i in range(len(taken)):
+            dx, dy = x - taken[i, 0], y - taken[i, 1]
+            free = free and math.sqrt(dx * dx + dy * dy) > taken[i, 2] + radius
+        if free:
+            spot[0], spot[1] = x, y
+            return True
+    return False

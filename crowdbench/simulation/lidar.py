@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
+from crowdbench.simulation.rounding import sum_of_products
 
 TWO_PI = 2 * np.pi
 
@@ -133,12 +134,18 @@ def _segment(
                 out[i] = min(out[i], hit)
 
 
+@compiled()
 def footprint_segments(
     pose: NDArray[np.float64], length: float, width: float
 ) -> NDArray[np.float64]:
     """(4, 4) edges of a rectangular footprint at ``pose`` (x, y [m], heading [rad])."""
-    x, y = length / 2, width / 2
-    corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
-    corners = corners @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2]
-    return np.hstack([corners, np.roll(corners, -1, axis=0)])
+    edges = np.empty((4, 4))
+    for k in range(4):
+        x = length / 2 if k in (0, 3) else -length / 2
+        y = width / 2 if k < 2 else -width / 2
+        edges[k, 0] = sum_of_products(x, cosine, y, -sine) + pose[0]
+        edges[k, 1] = sum_of_products(x, sine, y, cosine) + pose[1]
+    for k in range(4):
+        edges[k, 2], edges[k, 3] = edges[(k + 1) % 4, 0], edges[(k + 1) % 4, 1]
+    return edges

@@ -10,12 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
-from crowdbench.simulation.lidar import cast_rays, footprint_segments
-from crowdbench.simulation.world import World
+from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.world import Lane, World
 
 
 def agent_spaces(
@@ -82,7 +81,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
     )
 
 
-def state(world: World) -> dict[str, NDArray[Any]]:
+def state(world: Lane) -> dict[str, NDArray[Any]]:
     """Copies of everything in the world, keyed as in ``state_space``."""
     people = world.pedestrians
     return {
@@ -108,71 +107,11 @@ def state(world: World) -> dict[str, NDArray[Any]]:
     }
 
 
-def observe_robot(
-    world: World,
-    scenario: Scenario,
-    r: int,
-    beams: NDArray[np.float64],
-    noise: np.random.Generator,
-    origin: NDArray[np.float64],
-) -> tuple[dict[str, NDArray[np.float32]], float]:
-    """What robot ``r`` observes, and its least true LiDAR distance [m].
-
-    Args:
-        world: everything as it is now.
-        scenario: names the LiDAR's range, noise and dropout and the sizes of bodies.
-        r: index of the robot.
-        beams: (beams, 3) from ``beam_table``.
-        noise: drawn from where the LiDAR is noisy.
-        origin: (3,) pose at which the robot's odometry is zero.
-    """
-    segments = world.layout.walls
-    if len(world.pose) > 1:
-        size = scenario.robots.length, scenario.robots.width
-        others = [footprint_segments(world.pose[i], *size) for i in range(len(world.pose))
-                  if i != r and world.active[i]]  # fmt: skip
-        segments = np.vstack([segments, *others])
-    packed = np.empty(len(beams) + 7, dtype=np.float32)
-    scan = packed[7:]
-    lidar = scenario.lidar
-    nearest = cast_rays(
-        world.pose[r],
-        beams,
-        world.pedestrians.position,
-        scenario.pedestrians.radius,
-        world.layout.obstacles,
-        segments,
-        lidar.range,
-        scan,
-    )
-    if lidar.noise > 0.0:
-        noisy = scan + noise.normal(0.0, lidar.noise, len(scan))
-        # A beam that hits nothing has nothing to be noisy about.
-        scan[:] = np.where(scan < lidar.range, np.clip(noisy, 0.0, lidar.range), scan)
-    if lidar.dropout > 0.0:
-        scan[noise.random(len(scan)) < lidar.dropout] = lidar.range
-    _proprioception(world.pose[r], world.velocity[r], world.goals[r], origin, packed)
-    seen = {"lidar": scan, "velocity": packed[0:2], "goal": packed[2:4], "pose": packed[4:7]}
-    return seen, nearest
-
-
-@compiled()
-def _proprioception(
-    pose: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    out: NDArray[np.float32],
-) -> None:
-    """Write velocity (2), goal in the robot frame (2) and odometry since ``origin`` (3)."""
-    out[0], out[1] = velocity[0], velocity[1]
-    x, y = goal[0] - pose[0], goal[1] - pose[1]
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
-    out[2], out[3] = cosine * x + sine * y, cosine * y - sine * x
-    x, y = pose[0] - origin[0], pose[1] - origin[1]
-    cosine, sine = np.cos(origin[2]), np.sin(origin[2])
-    out[4], out[5] = cosine * x + sine * y, cosine * y - sine * x
-    out[6] = (pose[2] - origin[2] + np.pi) % (2 * np.pi) - np.pi
+def observe_robots(world: World, robots: list[str]) -> dict[str, dict[str, Any]]:
+    """Observations of the robots that are there, as arrays of their own, by their names."""
+    world.observe()
+    rows = zip(robots, world.seen, world.active.tolist(), strict=True)
+    return {name: as_observation(row.copy()) for name, row, there in rows if there}
 
 
 def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:

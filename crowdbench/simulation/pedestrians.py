@@ -9,16 +9,15 @@ depends on nothing but the seed, the pedestrian and where the leg began.
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
-from crowdbench.scenario import Scenario
-from crowdbench.simulation import streams
 from crowdbench.simulation.contact import INTENTS
-from crowdbench.simulation.walking import Crowd, checked_velocities, make_walking_model
+from crowdbench.simulation.lanes import CANDIDATES, DRAWS, LEGS_AHEAD
+from crowdbench.simulation.rounding import sum_of_products
 
 KEEP, RETURN, DIVERT = range(len(INTENTS))
 
@@ -26,220 +25,153 @@ ARRIVAL = 0.3
 """A pedestrian this near to its goal has arrived [m]."""
 PATIENCE = 3.0
 """A leg that takes this many times as long as a free walk is given up."""
-_CANDIDATES = 16
-_NONE, _SWITCH, _NEW_LEG = range(3)
-
-
-class Robots(Protocol):
-    """What pedestrians can see of R robots.
-
-    Attributes:
-        pose: (R, 3) x, y [m], heading [rad].
-        world_velocity: (R, 2) [m/s].
-        active: (R,) robots that are still in the scene.
-    """
-
-    pose: NDArray[np.float64]
-    world_velocity: NDArray[np.float64]
-    active: NDArray[np.bool_]
-
-
-class Pedestrians:
-    """State of all pedestrians; row p of every array belongs to pedestrian p.
-
-    Attributes:
-        position, velocity: (P, 2) [m], [m/s]; the world writes them after each physics step.
-        goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
-        speed: (P,) preferred speed, never exceeded [m/s].
-        radius: (P,) of the discs that they are [m].
-        intent: (P,) index into INTENTS.
-        switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
-        reactive: (P,) bool, sees the robots; the others are non-reactive.
-        heading: (P,) direction of the last step walked [rad].
-    """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        seed: int,
-        position: NDArray[np.float64],
-        reactive: NDArray[np.bool_],
-        obstacles: NDArray[np.float64],
-        walls: NDArray[np.float64],
-    ) -> None:
-        """Begin the first leg of everybody at ``position`` (P, 2) [m]."""
-        settings = scenario.pedestrians
-        count = settings.count
-        self._scenario, self._settings = scenario, settings
-        self._obstacles, self._walls = obstacles, walls
-        self._step = scenario.control_period
-        self._half_view = np.deg2rad(settings.field_of_view) / 2
-        self._robot_radius = float(np.hypot(scenario.robots.length, scenario.robots.width) / 2)
-        self._half_extent = (
-            np.array([scenario.arena.length, scenario.arena.width]) / 2 - settings.radius
-        )
-        self._streams = [streams.pedestrian(seed, p) for p in range(count)]
-        self.position = position
-        self.reactive = reactive
-        self.radius = np.full(count, settings.radius)
-        low, high = settings.speed
-        self.speed = np.array([low + (high - low) * rng.random() for rng in self._streams])
-        self.goal, self.start, self.next_goal = (position.copy() for _ in range(3))
-        self.intent = np.zeros(count, dtype=np.int64)
-        self.switch_time, self._deadline = np.full(count, np.inf), np.full(count, np.inf)
-        for p in range(count):
-            self._begin_leg(p, 0.0)
-        ahead = self.goal - position
-        self.heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-        self.velocity = self.speed[:, None] * np.column_stack(
-            [np.cos(self.heading), np.sin(self.heading)]
-        )
-        self._flags = np.zeros(count, dtype=np.int8)
-        self._present = np.ones(count, dtype=np.bool_)
-        self._model = make_walking_model(scenario)
-        self._draws = streams.walking(seed)
-
-    def advance_legs(self, time: float) -> None:
-        """Switch, finish or give up the legs that are due at ``time`` [s]."""
-        if not _due(time, self.position, self.goal, self.switch_time, self._deadline, self._flags):
-            return
-        for p in np.flatnonzero(self._flags).tolist():
-            if self._flags[p] == _SWITCH:
-                self._aim(p, self.next_goal[p].copy(), time)
-            elif self._settings.on_arrival == "new_goal":
-                self._begin_leg(p, time)
-
-    def begin(self, robots: Robots) -> None:
-        """Let the walking model see everybody before the first step."""
-        self._model.reset(self._crowd(robots), self._draws)
-
-    def walk(self, robots: Robots, time: float) -> NDArray[np.float64]:
-        """Return the velocity (P, 2) [m/s] that everybody chooses from the present snapshot.
-
-        Args:
-            robots: as they are now.
-            time: since the episode began [s].
-
-        Raises:
-            ScenarioError: the walking model does not return finite numbers (P, 2).
-        """
-        chosen = self._model.velocities(self._crowd(robots), time)
-        return checked_velocities(self._scenario, chosen)
-
-    def _crowd(self, robots: Robots) -> Crowd:
-        settings = self._settings
-        seen = _look(
-            self.position,
-            self.velocity,
-            self.heading,
-            self.reactive,
-            self._half_view,
-            robots.pose,
-            robots.active,
-        )
-        return Crowd(
-            position=self.position,
-            velocity=self.velocity,
-            heading=self.heading,
-            goal=self.goal,
-            preferred_speed=self.speed,
-            radius=settings.radius,
-            present=self._present,
-            sees_robot=seen,
-            robot_position=robots.pose[:, :2].copy(),
-            robot_velocity=robots.world_velocity,
-            robot_radius=self._robot_radius,
-            responsibility=settings.responsibility,
-            obstacles=self._obstacles,
-            walls=self._walls,
-            period=self._step,
-        )
-
-    def _begin_leg(self, p: int, time: float) -> None:
-        draws = self._streams[p].random(4 * _CANDIDATES + 3)
-        switch, kind, when = draws[-3:]
-        places = (2 * draws[:-3].reshape(2, _CANDIDATES, 2) - 1) * self._half_extent
-        goal = self._first_fit(places[0], self.position[p])
-        self._aim(p, goal, time)
-        if self._settings.goals == "unimodal" or switch >= self._settings.switch_probability:
-            return
-        turning_point = self.position[p] + when * (goal - self.position[p])
-        self.intent[p] = RETURN if kind < 0.5 else DIVERT
-        self.next_goal[p] = (
-            self.start[p] if kind < 0.5 else self._first_fit(places[1], turning_point)
-        )
-        self.switch_time[p] = time + when * self._free_walk(p)
-
-    def _aim(self, p: int, goal: NDArray[np.float64], time: float) -> None:
-        """Head for a goal that will be kept."""
-        self.start[p] = self.position[p]
-        self.goal[p] = self.next_goal[p] = goal
-        self.intent[p] = KEEP
-        self.switch_time[p] = np.inf
-        self._deadline[p] = time + PATIENCE * self._free_walk(p) + 5.0
-
-    def _free_walk(self, p: int) -> float:
-        """Seconds that the leg takes when nobody is in the way."""
-        return float(np.linalg.norm(self.goal[p] - self.start[p]) / max(self.speed[p], 0.05))
-
-    def _first_fit(
-        self, places: NDArray[np.float64], origin: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """The first place outside the obstacles and a leg away, else the farthest one outside."""
-        if len(self._obstacles):
-            gaps = np.linalg.norm(places[:, None] - self._obstacles[None, :, :2], axis=2)
-            gaps -= self._obstacles[:, 2] + self._settings.radius
-            outside = (gaps > ARRIVAL).all(axis=1)
-            places = places[outside] if outside.any() else places
-        distance = np.linalg.norm(places - origin, axis=1)
-        far = distance >= self._settings.leg
-        return places[np.argmax(far) if far.any() else np.argmax(distance)]
+_SLOWEST = 0.05
+"""Slower pedestrians count as this fast, or do not turn their heads [m/s]."""
 
 
 @compiled()
-def _due(
-    time: float,
-    position: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    switch_time: NDArray[np.float64],
-    deadline: NDArray[np.float64],
-    flags: NDArray[np.int8],
+def begin_legs(
+    lane: int,
+    worlds: NDArray[np.void],
+    people: NDArray[np.void],
+    obstacles: NDArray[np.float64],
+    draws: NDArray[np.float64],
+) -> None:
+    """Begin the first leg of everybody in a lane."""
+    for p in range(worlds[lane].people):
+        _begin_leg(people[lane, p], worlds[lane], obstacles[lane], draws[lane, p])
+
+
+@compiled()
+def decide(
+    lanes: NDArray[np.int64],
+    worlds: NDArray[np.void],
+    robots: NDArray[np.void],
+    people: NDArray[np.void],
+    obstacles: NDArray[np.float64],
+    sees: NDArray[np.bool_],
+    draws: NDArray[np.float64],
 ) -> bool:
-    """Flag the pedestrians whose leg changes now; True when there are any."""
-    found = False
-    for p in range(len(position)):
-        flags[p] = _NONE
-        arrived = np.hypot(goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]) < ARRIVAL
-        if time >= switch_time[p]:
-            flags[p] = _SWITCH
-        elif arrived or time >= deadline[p]:
-            flags[p] = _NEW_LEG
-        found = found or flags[p] != _NONE
-    return found
+    """Everything that precedes a walking model's choice: legs, heads, preferred velocities.
+
+    Legs that are due are switched, finished or given up; everybody who walks looks ahead.
+
+    Args:
+        lanes: (M,) which.
+        worlds, robots, people, obstacles, sees, draws: of all lanes, see ``State``.
+
+    Returns:
+        Somebody has no draws left for another leg.
+    """
+    exhausted = False
+    for i in range(len(lanes)):
+        lane = lanes[i]
+        world = worlds[lane]
+        for p in range(world.people):
+            person = people[lane, p]
+            x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
+            if world.time >= person.switch_time:
+                _aim(person, person.next_goal[0], person.next_goal[1], world.time)
+            elif world.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+                _begin_leg(person, world, obstacles[lane], draws[lane, p])
+                exhausted = exhausted or person.drawn == LEGS_AHEAD
+            x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
+            x, y = preferred_velocity(x, y, person.speed, world.period)
+            person.preferred[0], person.preferred[1] = x, y
+        look(world, robots[lane], people[lane], sees[lane])
+    return exhausted
 
 
 @compiled()
-def _look(
-    position: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    heading: NDArray[np.float64],
-    reactive: NDArray[np.bool_],
-    half_view: float,
-    robot_pose: NDArray[np.float64],
-    robot_active: NDArray[np.bool_],
-) -> NDArray[np.bool_]:
-    """Turn the heading of those who walk, and say which pedestrian sees which robot, (P, R)."""
-    count, robots = len(position), len(robot_pose)
-    seen = np.zeros((count, robots), dtype=np.bool_)
-    for p in range(count):
-        if np.hypot(velocity[p, 0], velocity[p, 1]) > 0.05:
-            heading[p] = np.arctan2(velocity[p, 1], velocity[p, 0])
-        for r in range(robots):
-            if not (reactive[p] and robot_active[r]):
+def _begin_leg(person, world, obstacles, draws):  # type: ignore[no-untyped-def]
+    leg = draws[person.drawn]
+    person.drawn += 1
+    switch, kind, when = leg[DRAWS - 3], leg[DRAWS - 2], leg[DRAWS - 1]
+    x, y = person.position[0], person.position[1]
+    goal_x, goal_y = _first_fit(leg, np.int64(0), x, y, world, obstacles)
+    _aim(person, goal_x, goal_y, world.time)
+    if switch >= world.switch_probability:
+        return
+    if kind < 0.5:
+        person.intent = RETURN
+        next_x, next_y = x, y
+    else:
+        person.intent = DIVERT
+        turn_x, turn_y = x + when * (goal_x - x), y + when * (goal_y - y)
+        next_x, next_y = _first_fit(leg, np.int64(2 * CANDIDATES), turn_x, turn_y, world, obstacles)
+    person.next_goal[0], person.next_goal[1] = next_x, next_y
+    person.switch_time = world.time + when * _free_walk(person)
+
+
+@compiled()
+def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
+    """Head for a goal that will be kept."""
+    person.start[0], person.start[1] = person.position[0], person.position[1]
+    person.goal[0], person.goal[1] = x, y
+    person.next_goal[0], person.next_goal[1] = x, y
+    person.intent = KEEP
+    person.switch_time = math.inf
+    person.deadline = time + PATIENCE * _free_walk(person) + 5.0
+
+
+@compiled()
+def _free_walk(person):  # type: ignore[no-untyped-def]
+    """Seconds that the leg takes when nobody is in the way."""
+    x, y = person.goal[0] - person.start[0], person.goal[1] - person.start[1]
+    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, _SLOWEST)
+
+
+@compiled()
+def _first_fit(leg, begin, x, y, world, obstacles):  # type: ignore[no-untyped-def]
+    """The first place outside the obstacles and a leg away, else the farthest one outside.
+
+    Places are drawn from the whole arena, two draws each; where all are inside obstacles, all count
+    as outside.
+    """
+    for strict in range(2):
+        best_x, best_y, farthest = 0.0, 0.0, -1.0
+        for k in range(CANDIDATES):
+            px = (2.0 * leg[begin + 2 * k] - 1.0) * world.half_length
+            py = (2.0 * leg[begin + 2 * k + 1] - 1.0) * world.half_width
+            inside = False
+            for o in range(world.obstacles):
+                dx, dy = px - obstacles[o, 0], py - obstacles[o, 1]
+                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.radius)
+                inside = inside or not gap > ARRIVAL
+            if inside and strict == 0:
                 continue
-            bearing = np.arctan2(
-                robot_pose[r, 1] - position[p, 1], robot_pose[r, 0] - position[p, 0]
-            )
-            off = (bearing - heading[p] + np.pi) % (2 * np.pi) - np.pi
-            seen[p, r] = abs(off) <= half_view
-    return seen
+            distance = math.sqrt((px - x) * (px - x) + (py - y) * (py - y))
+            if distance >= world.leg:
+                return px, py
+            if distance > farthest:
+                best_x, best_y, farthest = px, py, distance
+        if farthest >= 0.0:
+            return best_x, best_y
+    return best_x, best_y
+
+
+@compiled()
+def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
+    """Turn the heads of a lane's people who walk, and note who sees which robot."""
+    for p in range(world.people):
+        person = people[p]
+        if math.hypot(person.velocity[0], person.velocity[1]) > _SLOWEST:
+            person.heading = math.atan2(person.velocity[1], person.velocity[0])
+        for r in range(len(robots)):
+            sees[p, r] = False
+            if person.reactive and robots[r].active:
+                x = robots[r].pose[0] - person.position[0]
+                y = robots[r].pose[1] - person.position[1]
+                off = (math.atan2(y, x) - person.heading + math.pi) % (2 * math.pi) - math.pi
+                sees[p, r] = abs(off) <= world.half_view
+
+
+@compiled()
+def preferred_velocity(x, y, speed, period):  # type: ignore[no-untyped-def]
+    """Straight to a goal at (x, y) with ``speed``; nobody overshoots a goal within ``period``."""
+    distance = math.hypot(x, y)
+    if distance == 0.0:
+        return 0.0, 0.0
+    # A pedestrian that stops on arrival stands still, since nobody overshoots.
+    pace = min(speed, distance / period)
+    return pace * x / distance, pace * y / distance

@@ -2,69 +2,83 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
-from crowdbench.scenario import Reward, Scenario
-from crowdbench.simulation.world import World
+from crowdbench.simulation.lanes import COLLISION, RUNNING, SUCCESS
+from crowdbench.simulation.rounding import length
 
 WALKING = 0.1
 """Pedestrians slower than this do not take part in interactions [m/s]."""
 
 
-def reward_and_outcome(
-    world: World, scenario: Scenario, r: int, nearest: float, before: float
-) -> tuple[dict[str, float], str, float]:
-    """Reward terms and outcome of a robot's step; a contact counts even on arrival.
+@compiled()
+def judge(
+    lanes: NDArray[np.int64],
+    worlds: NDArray[np.void],
+    robots: NDArray[np.void],
+    people: NDArray[np.void],
+    contacts: NDArray[np.float64],
+) -> None:
+    """Write reward terms and outcomes of the active robots' step; a contact counts even on arrival.
 
     Args:
-        world: after the step.
-        scenario: names weights and the goal tolerance.
-        r: index of the robot.
-        nearest: its least true LiDAR distance [m].
-        before: its distance to the goal before the step [m].
-
-    Returns:
-        Terms by name, ``running``, ``success`` or ``collision``, and the distance now [m].
+        lanes: (M,) which.
+        worlds, robots, people, contacts: of all lanes after the step, see ``State``. A robot's
+            ``distance`` is still that before it, and is brought up to date; ``terms`` and
+            ``outcome`` (but no timeouts) are written.
     """
-    weights = scenario.reward
-    x, y = (world.goals[r] - world.pose[r, :2]).tolist()
-    distance = math.hypot(x, y)
-    collided = r in world.contacts
-    arrived = not collided and distance <= scenario.robots.goal_tolerance
-    social = 0.0
-    if weights.social > 0.0:
-        social = weights.social * social_term(
-            world.pose[r, :2],
-            world.direction[r],
-            world.speed[r],
-            world.drive.full_speed,
-            world.pedestrians.position,
-            world.pedestrians.velocity,
-            weights.social_radius,
-            weights.social_horizon,
+    position, velocity = np.empty((people.shape[1], 2)), np.empty((people.shape[1], 2))
+    for i in range(len(lanes)):
+        world = worlds[lanes[i]]
+        count = world.people
+        for p in range(count):
+            person = people[lanes[i], p]
+            position[p, 0], position[p, 1] = person.position[0], person.position[1]
+            velocity[p, 0], velocity[p, 1] = person.velocity[0], person.velocity[1]
+        for r in range(robots.shape[1]):
+            robot = robots[lanes[i], r]
+            if robot.active:
+                collided = contacts[lanes[i], r, 0] != 0.0
+                _judge_robot(robot, world, collided, position[:count], velocity[:count])
+
+
+@compiled()
+def _judge_robot(robot, world, collided, position, velocity):  # type: ignore[no-untyped-def]
+    distance = length(robot.goal[0] - robot.pose[0], robot.goal[1] - robot.pose[1])
+    progress = robot.distance - distance
+    robot.distance = distance
+    arrived = not collided and distance <= world.goal_tolerance
+    robot.terms[0] = goal_term(world, arrived, progress)
+    robot.terms[1] = collision_term(world, collided, robot.nearest)
+    robot.terms[2] = 0.0
+    if world.social > 0.0:
+        robot.terms[2] = world.social * social_term(
+            robot.pose[:2],
+            robot.direction,
+            robot.speed,
+            world.full_speed,
+            position,
+            velocity,
+            world.social_radius,
+            world.social_horizon,
         )
-    terms = {
-        "goal": goal_term(weights, arrived, before - distance),
-        "collision": collision_term(weights, collided, nearest),
-        "social": social,
-    }
-    return terms, "collision" if collided else "success" if arrived else "running", distance
+    robot.outcome = COLLISION if collided else SUCCESS if arrived else RUNNING
 
 
-def goal_term(weights: Reward, arrived: bool, progress: float) -> float:
+@compiled()
+def goal_term(weights, arrived, progress):  # type: ignore[no-untyped-def]
     """R_goal: a bonus on arrival, otherwise w_1 times the metres gained (``progress``)."""
     return weights.arrival if arrived else weights.progress * progress
 
 
-def collision_term(weights: Reward, collided: bool, nearest: float) -> float:
+@compiled()
+def collision_term(weights, collided, nearest):  # type: ignore[no-untyped-def]
     """R_collision: a penalty on contact, otherwise w_2 (1 - d / (r + 1 m)) near obstacles.
 
     Args:
-        weights: of the scenario.
+        weights: of the scenario, fields as of its ``reward``.
         collided: the robot touched something.
         nearest: d, the least LiDAR distance [m].
     """

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE, _WALKING = range(6)
+_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE, _WALKING, _SCENARIO = range(7)
 
 
 def layout(seed: int) -> np.random.Generator:
@@ -34,6 +34,11 @@ def walking(seed: int) -> np.random.Generator:
 def next_episode(seed: int) -> np.random.Generator:
     """Stream of the seeds of later episodes, when ``reset`` is called without one."""
     return _stream(seed, _NEXT_EPISODE)
+
+
+def scenario(seed: int) -> np.random.Generator:
+    """Stream of the scenarios of later episodes, where there are several."""
+    return _stream(seed, _SCENARIO)
 
 
 def agent_seed(seed: int, robot: int = 0) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation.kinematics import Drive, Velocity
@@ -68,15 +69,25 @@ def physics(scenario: Scenario, speed: float) -> tuple[int, float]:
         ScenarioError: more than ``MOST`` steps would be needed.
     """
     period, extent = scenario.control_period, half_extent(scenario)
-    needed = math.ceil(speed * period / (SHARE * extent))
-    if needed > MOST:
+    substeps, bias = steps_and_bias(speed, period, extent, scenario.substeps)
+    if substeps == 0:
+        needed = math.ceil(speed * period / (SHARE * extent))
         raise ScenarioError(
             f"scenario {scenario.name!r}: at {speed:g} m/s a body of half extent {extent:g} m "
             f"(robots.length, robots.width, pedestrians.radius) needs {needed:,} physics steps "
             f"per control_period of {period:g} s; allowed: {MOST:,}, "
             f"control_period <= {MOST * SHARE * extent / speed:.3g}"
         )
-    substeps = max(scenario.substeps, needed)
+    return substeps, bias
+
+
+@compiled()
+def steps_and_bias(speed, period, extent, least):  # type: ignore[no-untyped-def]
+    """What ``physics`` chooses; no steps where these would be too many."""
+    needed = speed * period / (SHARE * extent)
+    if not needed <= MOST:
+        return 0, _STIFF
+    substeps = max(least, math.ceil(needed))
     duration = period / substeps
     # A body that keeps pushing sinks in until as much of the overlap is taken back as is added.
     depth = speed * duration / (1 - _SOFT**duration)

@@ -19,6 +19,7 @@ from crowdbench.extensions import WALKING_MODELS
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation.orca import orca_velocities
+from crowdbench.simulation.pedestrians import preferred_velocity
 from crowdbench.simulation.social_force import social_force_velocities
 
 
@@ -65,7 +66,7 @@ class Crowd:
 
     def preferred_velocity(self) -> NDArray[np.float64]:
         """(P, 2) straight to the goals at preferred speed [m/s]; nobody overshoots a goal."""
-        return _preferred_velocity(self.position, self.goal, self.preferred_speed, self.period)
+        return _preferred(self.position, self.goal, self.preferred_speed, self.period)
 
     def only(self, chosen: NDArray[np.bool_]) -> Crowd:
         """The same moment without the other pedestrians; ``chosen`` is a mask (P,)."""
@@ -137,6 +138,54 @@ class _Solved(WalkingModel):
         return out
 
 
+def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
+    """The compiled function of a model, for all pedestrians of many lanes at once."""
+
+    @compiled()
+    def walk(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
+        most = people.shape[1]
+        position, velocity = np.empty((most, 2)), np.empty((most, 2))
+        preferred, speed, chosen = np.empty((most, 2)), np.empty(most), np.empty((most, 2))
+        robot_position = np.empty((robots.shape[1], 2))
+        robot_velocity = np.empty((robots.shape[1], 2))
+        for i in range(len(lanes)):
+            lane = lanes[i]
+            world = worlds[lane]
+            count = world.people
+            for p in range(count):
+                person = people[lane, p]
+                speed[p] = person.speed
+                for axis in range(2):
+                    position[p, axis] = person.position[axis]
+                    velocity[p, axis] = person.velocity[axis]
+                    preferred[p, axis] = person.preferred[axis]
+            for r in range(robots.shape[1]):
+                for axis in range(2):
+                    robot_position[r, axis] = robots[lane, r].pose[axis]
+                    robot_velocity[r, axis] = robots[lane, r].world_velocity[axis]
+            solve(
+                position[:count],
+                velocity[:count],
+                preferred[:count],
+                speed[:count],
+                world.radius,
+                sees[lane, :count],
+                robot_position,
+                robot_velocity,
+                world.robot_radius,
+                world.responsibility,
+                obstacles[lane, : world.obstacles],
+                walls[lane, : world.walls],
+                world.period,
+                chosen[:count],
+            )
+            for p in range(count):
+                for axis in range(2):
+                    people[lane, p].chosen[axis] = chosen[p, axis]
+
+    return walk
+
+
 class Orca(_Solved):
     """Optimal reciprocal collision avoidance (``crowdbench.simulation.orca``)."""
 
@@ -158,12 +207,14 @@ def make_walking_model(scenario: Scenario) -> WalkingModel:
     name = scenario.pedestrians.model
     where = f"scenario {scenario.name!r}: pedestrians.model"
     try:
-        kind = WALKING_MODELS[name]
+        return WALKING_MODELS[name]()
     except UnknownNameError as error:
         raise ScenarioError(f"{where}: {error}") from error
-    if not issubclass(kind, WalkingModel):
-        raise ScenarioError(f"{where}: {name!r} is not a subclass of crowdbench.WalkingModel")
-    return kind()
+
+
+def kernel_of(model: WalkingModel) -> Callable[..., None] | None:
+    """What computes this model for many lanes at once; None for one from elsewhere."""
+    return _KERNELS.get(type(model))
 
 
 def checked_velocities(scenario: Scenario, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -185,7 +236,7 @@ def checked_velocities(scenario: Scenario, velocities: NDArray[np.float64]) -> N
 
 
 @compiled()
-def _preferred_velocity(
+def _preferred(
     position: NDArray[np.float64],
     goal: NDArray[np.float64],
     speed: NDArray[np.float64],
@@ -193,10 +244,21 @@ def _preferred_velocity(
 ) -> NDArray[np.float64]:
     velocity = np.empty_like(position)
     for p in range(len(position)):
-        dx, dy = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
-        distance = np.hypot(dx, dy)
-        # A pedestrian that stops on arrival stands still, since nobody overshoots.
-        pace = min(speed[p], distance / period)
-        velocity[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
-        velocity[p, 1] = pace * dy / distance if distance > 0.0 else 0.0
+        x, y = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
+        velocity[p, 0], velocity[p, 1] = preferred_velocity(x, y, speed[p], period)
     return velocity
+
+
+@compiled()
+def _walk_straight(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
+    for i in range(len(lanes)):
+        for p in range(worlds[lanes[i]].people):
+            for axis in range(2):
+                people[lanes[i], p].chosen[axis] = people[lanes[i], p].preferred[axis]
+
+
+_KERNELS: dict[type[WalkingModel], Callable[..., None]] = {
+    Straight: _walk_straight,
+    Orca: _over_lanes(orca_velocities),
+    SocialForce: _over_lanes(social_force_velocities),
+}

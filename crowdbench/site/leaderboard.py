@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice
 from typing import Any
 
 import pandas as pd
@@ -10,7 +11,7 @@ import pandas as pd
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell
 from crowdbench.evaluation.rows import not_computed
-from crowdbench.evaluation.statistics import estimates, per_episode
+from crowdbench.evaluation.statistics import estimate_all, per_episode, samples_of
 from crowdbench.scenario import Scenario, scenario_names
 
 _SHOWN_ERRORS = 20
@@ -45,12 +46,16 @@ def cell_documents(
     planned = planned or {}
     order = {name: number for number, name in enumerate(scenario_names())}
     groups = rows.groupby(["scenario", "agent"], sort=False).indices
-    documents = []
+    documents, samples = [], []
     for key in sorted(groups, key=lambda key: (order.get(key[0], len(order)), *key)):
         stored = rows.iloc[groups[key]]
         last = stored.iloc[-1]
         cell = Cell(**{name: str(last[name]) for name in Cell.__dataclass_fields__})
         documents.append((cell, _cell_document(cell, stored, planned.get(key, 0))))
+        samples += samples_of(METRICS, per_episode(stored, METRICS))
+    found = map(list, estimate_all(samples))
+    for _, document in documents:
+        document["estimates"] = list(islice(found, len(METRICS)))
     return documents
 
 
@@ -79,7 +84,6 @@ def family(scenario: Scenario) -> str:
 def _cell_document(cell: Cell, rows: pd.DataFrame, planned: int) -> dict[str, Any]:
     outcomes = rows["outcome"].value_counts()
     failed = rows[rows["error"] != ""].head(_SHOWN_ERRORS)
-    values = per_episode(rows, METRICS)
     return {
         "agent": cell.agent,
         "version": str(rows["version"].iloc[-1]),
@@ -94,7 +98,6 @@ def _cell_document(cell: Cell, rows: pd.DataFrame, planned: int) -> dict[str, An
             for seed, error in zip(failed["seed"], failed["error"], strict=True)
         ],
         "not_computed": [name for name, count in not_computed(rows).items() if count == len(rows)],
-        "estimates": [list(found) for found in estimates(METRICS, values).values()],
     }
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from crowdbench.evaluation.statistics import Difference, holm
-from crowdbench.study.measurements import Measurements
+from crowdbench.study.measurements import Measurements, Pair
 from crowdbench.study.model import Claim, Table
-from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, sign
+from crowdbench.study.tables import SIGNIFICANCE, Entry, Filled, pair_of, sign
 
 Verdict = Literal["holds", "fails", "undecided", "not yet run"]
 
@@ -62,10 +62,10 @@ class Order:
 def check_claims(measured: Measurements, claims: Sequence[Claim]) -> list[Finding]:
     """Test every claim by a paired permutation test, corrected after Holm over each table."""
     sides = [((c.better, c.scenarios), (c.worse, c.scenarios)) for c in claims]
-    differences = [
-        measured.difference(*pair, claim.metric, claim.factor, claim.margin)
+    differences = measured.differences(
+        Pair(*pair, claim.metric, claim.factor, claim.margin)
         for claim, pair in zip(claims, sides, strict=True)
-    ]
+    )
     adjusted = np.full(len(claims), np.nan)
     for table in {claim.table for claim in claims}:
         here = [number for number, claim in enumerate(claims) if claim.table == table]
@@ -81,9 +81,8 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
 
     Equal values are no order, and quantities that are not judged have none.
     """
-    found = []
+    pairs: list[tuple[Table, Entry, Entry]] = []
     for filled in tables:
-        pairs = []
         for one in filled.entries:
             for other in filled.entries:
                 if (one.block, one.quantity) != (other.block, other.quantity):
@@ -91,23 +90,17 @@ def check_orders(tables: Sequence[Filled], measured: Measurements) -> list[Order
                 if one.reference is None or other.reference is None or not one.quantity.judged:
                     continue
                 if sign(one.quantity.metric) * (one.reference - other.reference) > 0:
-                    pairs.append((one, other))
-        sides = [
-            tuple((entry.method.agent, entry.block.scenarios) for entry in pair) for pair in pairs
-        ]
-        differences = [
-            measured.difference(first, second, one.quantity.metric)
-            for (one, _), (first, second) in zip(pairs, sides, strict=True)
-        ]
-        adjusted = holm([difference.p for difference in differences])
-        there = [
-            bool(difference.n) or measured.paired(*pair)
-            for difference, pair in zip(differences, sides, strict=True)
-        ]
-        found += [
-            Order(filled.table, *pair, difference, float(p), ran)
-            for pair, difference, p, ran in zip(pairs, differences, adjusted, there, strict=True)
-        ]
+                    pairs.append((filled.table, one, other))
+    wanted = [pair_of(one, other) for _, one, other in pairs]
+    orders = [
+        Order(*pair, difference, difference.p, bool(difference.n) or measured.paired(*asked[:2]))
+        for pair, asked, difference in zip(pairs, wanted, measured.differences(wanted), strict=True)
+    ]
+    found = []
+    for filled in tables:
+        here = [order for order in orders if order.table is filled.table]
+        adjusted = holm([order.difference.p for order in here])
+        found += [replace(order, p=float(p)) for order, p in zip(here, adjusted, strict=True)]
     return found
 
 

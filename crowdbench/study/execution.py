@@ -149,6 +149,7 @@ def run_missing(
     *,
     executor: str = "local",
     address: str | None = None,
+    on_note: Callable[[str], None] = lambda note: None,
 ) -> Forecast:
     """Run the episodes of a study that are not there yet.
 
@@ -159,7 +160,7 @@ def run_missing(
         jobs: processes, by default as many as the executor has room for.
         on_progress: told the number of episodes stored, of those planned, and the forecast.
         published: rows of the record that need not be run again; none by default.
-        executor, address: where agents run, as for ``run``.
+        executor, address, on_note: as for ``run``.
 
     Returns:
         The forecast as it is at the end.
@@ -209,6 +210,7 @@ def run_missing(
             executor=executor,
             address=address,
             on_progress=advance,
+            on_note=on_note,
         )
     finally:
         account.write()

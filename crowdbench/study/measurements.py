@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,16 +17,44 @@ from crowdbench.evaluation.rows import not_computed
 from crowdbench.evaluation.statistics import (
     Difference,
     Estimate,
+    Sample,
     defined_pairs,
-    estimate,
-    paired_difference,
+    estimate_all,
+    paired_differences,
 )
 from crowdbench.scenario import load_scenario
 from crowdbench.study.model import Cell
 
 
+class Mean(NamedTuple):
+    """A metric's mean to ask for: over the episodes of an agent in all of some scenarios."""
+
+    agent: str
+    scenarios: tuple[str, ...]
+    metric: str
+
+
+class Pair(NamedTuple):
+    """A difference to ask for: first less (factor x second + margin), seed by seed.
+
+    Attributes:
+        first, second: agent and scenarios; the scenarios are paired in their order.
+        metric: name in ``METRICS``.
+        factor, margin: see above; 1 and 0 give the plain difference.
+    """
+
+    first: tuple[str, tuple[str, ...]]
+    second: tuple[str, tuple[str, ...]]
+    metric: str
+    factor: float = 1.0
+    margin: float = 0.0
+
+
 class Measurements:
-    """What the stored episodes of a plan say. Everything is computed once."""
+    """What the stored episodes of a plan say.
+
+    Everything is computed once. What is asked for together shares most of the work.
+    """
 
     def __init__(self, episodes: pd.DataFrame, plan: Sequence[Cell]) -> None:
         """Keep the episodes that the plan asks for, of the scenarios as they are now.
@@ -47,13 +75,14 @@ class Measurements:
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
         kept = kept.assign(**{name: np.nan for name in METRICS if name not in kept})
         self.episodes = kept.drop(columns=["episodes", "named"])
+        cells = kept.groupby(["agent", "named"], sort=False).indices
+        self._not_computed = {key: not_computed(kept.iloc[rows]) for key, rows in cells.items()}
+        values = kept[["seed", *METRICS]]
         self._cells = {
-            key: rows.set_index("seed").sort_index()
-            for key, rows in kept.groupby(["agent", "named"], sort=False)
+            key: values.iloc[rows].set_index("seed").sort_index() for key, rows in cells.items()
         }
-        # Tables share many cells; asking again costs nothing.
-        self.mean = cache(self._mean)
-        self.difference = cache(self._difference)
+        self._means: dict[Mean, Estimate] = {}
+        self._differences: dict[Pair, Difference] = {}
 
     @classmethod
     def load(cls, folder: Path, plan: Sequence[Cell]) -> Measurements:
@@ -64,11 +93,6 @@ class Measurements:
         """How many episodes are stored."""
         return sum(len(self._rows(agent, scenario)) for scenario in scenarios)
 
-    def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
-        """How many of the stored episodes are older than a metric and were not recomputed."""
-        rows = [self._rows(agent, scenario) for scenario in scenarios]
-        return sum(not_computed(part).get(metric, 0) for part in rows if len(part))
-
     def paired(
         self, first: tuple[str, tuple[str, ...]], second: tuple[str, tuple[str, ...]]
     ) -> bool:
@@ -78,13 +102,24 @@ class Measurements:
             for one, other in zip(first[1], second[1], strict=True)
         )
 
-    def _mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
-        """Mean over the episodes of all scenarios."""
-        entry = METRICS[metric]
-        weights = self._values(agent, scenarios, entry.weight) if entry.weight else None
-        return estimate(entry, self._values(agent, scenarios, metric), weights)
+    def not_computed(self, agent: str, scenarios: tuple[str, ...], metric: str) -> int:
+        """How many of the stored episodes are older than a metric and were not recomputed."""
+        cells = [self._not_computed.get((agent, scenario), {}) for scenario in scenarios]
+        return sum(cell.get(metric, 0) for cell in cells)
 
-    def _difference(
+    def mean(self, agent: str, scenarios: tuple[str, ...], metric: str) -> Estimate:
+        """Mean over the episodes of all scenarios."""
+        return self.means([Mean(agent, scenarios, metric)])[0]
+
+    def means(self, wanted: Iterable[Mean]) -> list[Estimate]:
+        """``mean`` of several."""
+        wanted = list(wanted)
+        new = [mean for mean in dict.fromkeys(wanted) if mean not in self._means]
+        found = estimate_all(map(self._sample, new))
+        self._means.update(zip(new, found, strict=True))
+        return [self._means[mean] for mean in wanted]
+
+    def difference(
         self,
         first: tuple[str, tuple[str, ...]],
         second: tuple[str, tuple[str, ...]],
@@ -92,24 +127,37 @@ class Measurements:
         factor: float = 1.0,
         margin: float = 0.0,
     ) -> Difference:
-        """First less (factor x second + margin), over the seeds that both ran.
+        """First less (factor x second + margin), over the seeds that both ran; see ``Pair``."""
+        return self.differences([Pair(first, second, metric, factor, margin)])[0]
 
-        Args:
-            first, second: agent and scenarios; the scenarios are paired in their order.
-            metric: name in ``METRICS``.
-            factor, margin: see above; 1 and 0 give the plain difference.
-        """
-        columns = [metric, *filter(None, [METRICS[metric].weight])]
-        pairs = []
-        for one, other in zip(first[1], second[1], strict=True):
-            a, b = self._rows(first[0], one), self._rows(second[0], other)
+    def differences(self, wanted: Iterable[Pair]) -> list[Difference]:
+        """``difference`` of several."""
+        wanted = list(wanted)
+        new = [pair for pair in dict.fromkeys(wanted) if pair not in self._differences]
+        found = paired_differences(map(self._paired, new))
+        self._differences.update(zip(new, found, strict=True))
+        return [self._differences[pair] for pair in wanted]
+
+    def _sample(self, mean: Mean) -> Sample:
+        """The values of all scenarios, and what weighs them."""
+        agent, scenarios, name = mean
+        weight = METRICS[name].weight
+        weights = self._values(agent, scenarios, weight) if weight else None
+        return METRICS[name], self._values(agent, scenarios, name), weights
+
+    def _paired(self, pair: Pair) -> NDArray[np.float64]:
+        """(n,) the differences of all scenarios."""
+        columns = [pair.metric, *filter(None, [METRICS[pair.metric].weight])]
+        parts = []
+        for one, other in zip(pair.first[1], pair.second[1], strict=True):
+            a, b = self._rows(pair.first[0], one), self._rows(pair.second[0], other)
             shared = a.index.intersection(b.index)
             if len(shared):
-                pairs.append((a.loc[shared, columns], b.loc[shared, columns]))
-        if not pairs:
-            return paired_difference([])
-        x, y = defined_pairs(metric, *(pd.concat(side) for side in zip(*pairs, strict=True)))
-        return paired_difference(x - factor * y - margin)
+                parts.append((a.loc[shared, columns], b.loc[shared, columns]))
+        if not parts:
+            return np.empty(0)
+        x, y = defined_pairs(pair.metric, *(pd.concat(side) for side in zip(*parts, strict=True)))
+        return x - pair.factor * y - pair.margin
 
     def _rows(self, agent: str, scenario: str) -> pd.DataFrame:
         return self._cells.get((agent, scenario), pd.DataFrame(index=pd.Index([], name="seed")))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.statistics import Estimate, holm
-from crowdbench.study.measurements import Measurements
+from crowdbench.study.measurements import Mean, Measurements, Pair
 from crowdbench.study.model import Block, Method, Quantity, Study, Table
 
 SIGNIFICANCE = 0.05
@@ -86,6 +88,14 @@ class Filled:
 
 def fill_all(study: Study, measured: Measurements) -> list[Filled]:
     """Fill every table of a study."""
+    # Asked for together first, so that all tables share what is drawn for intervals and tests.
+    measured.means(mean for table in study.tables for mean in _means(table))
+    filled = [_entries(table, measured) for table in study.tables]
+    measured.differences(
+        pair_of(entries[best], entries[other])
+        for entries in filled
+        for best, other in _rivals(entries)
+    )
     return [fill(table, measured, study.source) for table in study.tables]
 
 
@@ -98,23 +108,8 @@ def fill(table: Table, measured: Measurements, source: str = "the reference") ->
     one method is told from it; digits alone make nothing bold. Bounds take no part. A method of
     whose planned episodes some are missing is neither bold nor the best while another has all.
     """
-    entries = [
-        _entry(table, block, method, quantity, measured)
-        for block in table.blocks
-        for method in table.methods
-        for quantity in table.quantities
-    ]
-    comparisons: list[tuple[int, int, float]] = []
-    for block in table.blocks:
-        for quantity in table.quantities:
-            column = [
-                number
-                for number, entry in enumerate(entries)
-                if (entry.block, entry.quantity) == (block, quantity)
-                and not entry.method.bound
-                and entry.estimate.n
-            ]
-            comparisons += _compare_with_best(entries, column, measured)
+    entries = _entries(table, measured)
+    comparisons = _compare_with_best(entries, measured)
     adjusted = holm([p for _, _, p in comparisons])
     for (_, number, _), p in zip(comparisons, adjusted, strict=True):
         entries[number] = replace(entries[number], p=float(p))
@@ -133,46 +128,73 @@ def sign(metric: str) -> int:
     return 1 if METRICS[metric].better == "higher" else -1
 
 
-def _entry(
-    table: Table,
-    block: Block,
-    method: Method,
-    quantity: Quantity,
-    measured: Measurements,
-) -> Entry:
-    return Entry(
-        block,
-        method,
-        quantity,
-        measured.mean(method.agent, block.scenarios, quantity.metric),
-        episodes=measured.count(method.agent, block.scenarios),
-        planned=method.episodes * len(block.scenarios),
-        reference=table.reference.get((block.heading, method.label, quantity.metric)),
-        not_computed=measured.not_computed(method.agent, block.scenarios, quantity.metric),
+def pair_of(first: Entry, second: Entry) -> Pair:
+    """The difference between two entries of a column."""
+    return Pair(
+        (first.method.agent, first.block.scenarios),
+        (second.method.agent, second.block.scenarios),
+        first.quantity.metric,
     )
 
 
-def _compare_with_best(
-    entries: list[Entry], column: list[int], measured: Measurements
-) -> list[tuple[int, int, float]]:
-    """Test the best of a column against each other entry: (best, other, p)."""
-    if len(column) < 2:
-        return []
-    metric = entries[column[0]].quantity.metric
-    better = sign(metric)
-    complete = [number for number in column if entries[number].state == "measured"]
-    best = max(complete or column, key=lambda number: better * entries[number].estimate.mean)
-    found = []
-    for number in column:
-        if number == best:
-            continue
-        first, second = (
-            (entries[n].method.agent, entries[n].block.scenarios) for n in (best, number)
+def _means(table: Table) -> list[Mean]:
+    """What the entries of a table show, in their order."""
+    return [
+        Mean(method.agent, block.scenarios, quantity.metric)
+        for block in table.blocks
+        for method in table.methods
+        for quantity in table.quantities
+    ]
+
+
+def _entries(table: Table, measured: Measurements) -> list[Entry]:
+    """The entries of a table, with nothing compared yet."""
+    places = product(table.blocks, table.methods, table.quantities)
+    return [
+        Entry(
+            block,
+            method,
+            quantity,
+            estimate,
+            episodes=measured.count(method.agent, block.scenarios),
+            planned=method.episodes * len(block.scenarios),
+            reference=table.reference.get((block.heading, method.label, quantity.metric)),
+            not_computed=measured.not_computed(method.agent, block.scenarios, quantity.metric),
         )
-        difference = measured.difference(first, second, metric)
-        if not difference.n:
-            continue
-        # On the seeds that both ran, the order of the two may be the other way round.
-        ahead = better * difference.mean > 0
-        found.append((best, number, difference.p if ahead else 1.0))
+        for (block, method, quantity), estimate in zip(
+            places, measured.means(_means(table)), strict=True
+        )
+    ]
+
+
+def _rivals(entries: Sequence[Entry]) -> list[tuple[int, int]]:
+    """Numbers of the entries to compare, column by column: the best and each other one."""
+    columns: dict[tuple[Block, Quantity], list[int]] = {}
+    for number, entry in enumerate(entries):
+        if not entry.method.bound and entry.estimate.n:
+            columns.setdefault((entry.block, entry.quantity), []).append(number)
+    pairs = []
+    for (_, quantity), column in columns.items():
+        complete = [number for number in column if entries[number].state == "measured"]
+        better = sign(quantity.metric)
+        means = {number: better * entries[number].estimate.mean for number in complete or column}
+        best = max(means, key=means.__getitem__)
+        pairs += [(best, number) for number in column if number != best]
+    return pairs
+
+
+def _compare_with_best(
+    entries: Sequence[Entry], measured: Measurements
+) -> list[tuple[int, int, float]]:
+    """Test the best of each column against each other entry: (best, other, p)."""
+    rivals = _rivals(entries)
+    differences = measured.differences(
+        pair_of(entries[best], entries[other]) for best, other in rivals
+    )
+    found = []
+    for (best, other), difference in zip(rivals, differences, strict=True):
+        if difference.n:
+            # On the seeds that both ran, the order of the two may be the other way round.
+            ahead = sign(entries[best].quantity.metric) * difference.mean > 0
+            found.append((best, other, difference.p if ahead else 1.0))
     return found

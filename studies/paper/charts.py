@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.statistics import Difference
 from crowdbench.scenario import load_scenario
-from crowdbench.study.measurements import Measurements
+from crowdbench.study.measurements import Mean, Measurements, Pair
 from crowdbench.study.model import Method
 from crowdbench.study.style import WIDTH, styles
 
@@ -37,13 +37,15 @@ def corridors(measured: Measurements) -> Figure | None:
     methods = [m for m in COMPARED if any(measured.count(m.agent, (c,)) for c in CORRIDORS)]
     if not methods:
         return None
+    shown = [("success", "Success"), ("spl", "SPL")]
+    measured.means(Mean(m.agent, (c,), q) for m in methods for c in CORRIDORS for q, _ in shown)
     figure, axes = _figure(height=4.3, rows=2, sharex=True)
     marked = [method for method in methods if _LOOKS[method.agent].marker]
-    for axis, (metric, label) in zip(axes, [("success", "Success"), ("spl", "SPL")], strict=True):
+    for axis, (metric, label) in zip(axes, shown, strict=True):
         for method in methods:
             style = _LOOKS[method.agent]
             rank = marked.index(method) - (len(marked) - 1) / 2 if method in marked else 0.0
-            estimates = [measured.mean(method.agent, (c,), metric) for c in CORRIDORS]
+            estimates = measured.means(Mean(method.agent, (c,), metric) for c in CORRIDORS)
             mean, low, high = np.array([e[:3] for e in estimates]).T
             axis.errorbar(
                 np.arange(len(CORRIDORS)) + 0.09 * rank,  # side by side, so that intervals show
@@ -114,22 +116,25 @@ def reactivity(measured: Measurements) -> Figure | None:
     axis.axvline(0, color="0.4", linewidth=0.8)
     pooled: Any = {"color": "#D55E00", "marker": "o", "markersize": 5, "elinewidth": 1.6}
     single: Any = {"color": "0.5", "markerfacecolor": "white", "markersize": 3, "elinewidth": 0.6}
+    single_motions = [(names[:1], names[1:]) for names in zip(REACTIVE, NONREACTIVE, strict=True)]
+    losses = iter(
+        measured.differences(
+            Pair((method.agent, seen), (method.agent, unseen), "success")
+            for method in methods
+            for seen, unseen in [(REACTIVE, NONREACTIVE), *single_motions]
+        )
+    )
     for row, method in enumerate(methods):
-
-        def lost(seen: tuple[str, ...], unseen: tuple[str, ...], agent: str = method.agent) -> Any:
-            return measured.difference((agent, seen), (agent, unseen), "success")
-
         first = row == 0  # one entry of the legend for all rows
-        _whisker(axis, lost(REACTIVE, NONREACTIVE), row - 0.15, "All four" if first else "", pooled)
+        _whisker(axis, next(losses), row - 0.15, "All four" if first else "", pooled)
         paper = _paper_loss(method)
         if paper is not None:
             label = "The paper's tables" if first else ""
             axis.errorbar(paper, row - 0.15, color="black", marker="x", linestyle="", label=label)
-        for number, names in enumerate(zip(REACTIVE, NONREACTIVE, strict=True)):
-            label = MOTIONS[names[0]] if first else ""
+        for number, name in enumerate(REACTIVE):
+            label = MOTIONS[name] if first else ""
             motion = {"marker": "s^Dv"[number], **single}
-            loss = lost(names[:1], names[1:])
-            _whisker(axis, loss, row + 0.08 + 0.13 * number, label, motion)
+            _whisker(axis, next(losses), row + 0.08 + 0.13 * number, label, motion)
     axis.set_yticks(range(len(methods)), [method.label for method in methods])
     axis.set_ylim(len(methods) - 0.3, -0.5)
     axis.grid(axis="y", visible=False)

@@ -218,12 +218,13 @@ def test_files_that_are_no_onnx_models_are_refused(written):
 def test_weights_may_lie_in_a_file_beside_it(written):
     """As PyTorch's exporter writes them; the hash is of both."""
     Path("folder").mkdir()
-    hashes = set()
+    hashes, contents = set(), set()
     for factor in (0.25, 0.5):
         file = written("float[2] goal", "action = Mul(goal, w)", name="folder/policy.onnx")
         model = onnx.load(file)
         weights = onnx.numpy_helper.from_array(np.full(2, factor, np.float32), "w")
         model.graph.initializer.append(weights)
+        Path("folder/policy.data").unlink(missing_ok=True)
         convert_model_to_external_data(model, location="policy.data", size_threshold=0)
         onnx.save(model, file)
         agent = make(f"onnx:{file}")
@@ -231,7 +232,8 @@ def test_weights_may_lie_in_a_file_beside_it(written):
         seen = observation(np.random.default_rng(0))
         np.testing.assert_array_equal(agent.act(seen), factor * seen.goal)
         hashes.add(agent.weights_sha256)
-    assert len(hashes) == 2
+        contents.add(Path(file).read_bytes())
+    assert (len(hashes), len(contents)) == (2, 1)
     Path("folder/policy.data").unlink()
     assert "folder/policy.onnx: not an ONNX model (" in refusal(f"onnx:{file}")
 

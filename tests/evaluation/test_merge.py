@@ -152,6 +152,13 @@ def test_seeds_between_the_first_and_the_last_that_are_missing_are_listed(local,
     assert line == f"orca in {SCENARIO}: 3 of 9 seeds are missing: 12-13, 15"
 
 
+def test_seeds_may_be_far_apart(local, tmp_path):
+    a = local("a")
+    add(a, [0, 2**62])
+    (line,) = merge([a.folder], tmp_path / "into").missing
+    assert line.endswith(f"{2**62 - 1} of {2**62 + 1} seeds are missing: 1-{2**62 - 1}")
+
+
 def test_a_long_list_of_missing_seeds_is_cut_short(local, tmp_path):
     a = local("a")
     add(a, range(0, 60, 2))

@@ -10,7 +10,7 @@ import pytest
 from crowdbench import AgentSpec
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.driven import Driven
-from crowdbench.evaluation.parcel import Parcel, without_root
+from crowdbench.evaluation.parcel import Parcel, below, without_root
 from crowdbench.evaluation.protocol import Broken, Described, Done, Lost, Refused
 from crowdbench.evaluation.worker import code_version
 from crowdbench.scenario import NoRoomError
@@ -45,6 +45,9 @@ def test_it_is_made_from_copies_where_the_originals_are_not(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     shutil.rmtree(tmp_path / "here")
     moved = parcel.unpack(root)
+    below(root, str(here)).mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(below(root, str(here)))
+    assert absolute or moved == spec, "names stay as they are, in the copy of the folder"
     assert moved.make().weights_sha256 == "abc"
     assert code_version(moved.name) == version
     assert (moved.options["name"], moved.options["gain"]) == ("nothing.txt", 2.0)

@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections import deque
 from pathlib import Path
 
 import psutil
@@ -14,7 +15,8 @@ import pytest
 from crowdbench import AgentSpec, load_scenario
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.keeper import KEPT
-from crowdbench.evaluation.pool import Limits
+from crowdbench.evaluation.pool import Limits, Pool
+from crowdbench.evaluation.protocol import Describe, Described
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import IncompleteError, Task, run
 
@@ -27,7 +29,7 @@ TINY = load_scenario(
     pedestrians={"count": 1, "leg": 2},
 )
 PLANNERS = '''
-import os, signal, subprocess, sys, time
+import gc, os, pickle, signal, subprocess, sys, time
 import crowdbench
 
 class Steady(crowdbench.Agent):
@@ -145,6 +147,44 @@ class Waits(Steady):
                 continue
             time.sleep(1000)
 
+def write_everywhere(content):
+    for descriptor in range(3, 64):
+        try:
+            os.write(descriptor, content)
+        except OSError:
+            pass
+
+class Half(Steady):
+    """Writes the length of an answer, and half of it."""
+
+    def misbehave(self):
+        write_everywhere((1 << 27).to_bytes(4, "big") + b"half")
+
+class Endless(Steady):
+    def misbehave(self):
+        write_everywhere(b"\\x7f\\xff\\xff\\xff" + b"more than fits")
+
+class Order:
+    def __reduce__(self):
+        return os.mkdir, (os.path.join(os.path.dirname(__file__), "obeyed"),)
+
+class Orders(Steady):
+    """Sends an answer that runs code where it is read."""
+
+    def misbehave(self):
+        message = pickle.dumps((2, Order()))
+        write_everywhere(len(message).to_bytes(4, "big") + message)
+
+class Mute(Steady):
+    """Keeps the worker from its heartbeat and never comes back."""
+
+    def misbehave(self):
+        for thing in gc.get_objects():
+            if type(thing).__name__ == "Heartbeat":
+                thing._memory[:] = bytes(len(thing._memory))
+        while True:
+            pass
+
 class Fails(Steady):
     def misbehave(self):
         if not os.path.exists(os.path.join(os.path.dirname(__file__), "mended")):
@@ -162,6 +202,15 @@ def planners(tmp_path):
         return AgentSpec(f"{path}:{name}", options)
 
     return spec
+
+
+def test_no_more_processes_are_kept_than_a_pool_may():
+    before = {process.pid for process in psutil.Process().children()}
+    with Pool(1, Limits(), keep=1) as pool:
+        for name in ("straight_line", "dynamic_window"):
+            queue = deque([Describe(AgentSpec(name, {}))])
+            assert [type(answer) for _, answer in pool.run(queue)] == [Described]
+        assert len({process.pid for process in psutil.Process().children()} - before) == 1
 
 
 def rows_of(folder, spec):
@@ -219,6 +268,23 @@ def test_an_error_is_the_agents_whatever_its_class_and_however_it_ends_its_proce
         (row,) = rows_of(tmp_path, planners(name))
         assert row["outcome"] == "agent_error"
         assert text in row["error"]
+
+
+def test_no_answer_that_an_agent_writes_stops_the_run_or_runs_code(tmp_path, planners):
+    names = ("Half", "Endless", "Orders", "Mute")
+    limits = Limits(making=12)  # of the machine's time; Half and Mute take all of it
+    run([Task(TINY, planners(name), [0]) for name in names], tmp_path, jobs=4, limits=limits)
+    told = {
+        "Half": "its process did not answer within 12 s without computing",
+        "Endless": "its process sent something that is not an answer",
+        "Orders": "its process sent something that is not an answer",
+        "Mute": "its process did not answer within 12 s of processor time",
+    }
+    for name, text in told.items():
+        (row,) = rows_of(tmp_path, planners(name))
+        assert row["outcome"] == "agent_error"
+        assert row["error"].startswith(text)
+    assert not (tmp_path / "obeyed").exists()
 
 
 def test_weights_that_are_not_text_are_refused_before_anything_runs(tmp_path, planners):

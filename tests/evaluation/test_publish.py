@@ -78,6 +78,23 @@ def test_a_metric_that_is_defined_in_one_run_only_differs_wholly(local, record):
     assert outcome.changes[0].differences == {"time_to_goal": 1.0}
 
 
+@pytest.mark.parametrize("changed", [{}, {"code": "a file"}])
+def test_a_smaller_plan_takes_nothing_away(local, record, changed):
+    first, second = local("first"), local("second")
+    first.add("orca", SCENARIO, spl=[0.5] * 6)
+    publish([(SCENARIO, "orca", 6)], first.folder, record)
+    later = {"timestamp": "2026-01-01T00:00:00+00:00"} | changed
+    second.add("orca", SCENARIO, spl=[0.7, 0.8, 0.9], fixed=later)
+    outcome = publish([(SCENARIO, "orca", 3)], second.folder, record)
+    if changed:
+        (reason,) = outcome.refused
+        assert "3 of the 6 published seeds were not run" in reason
+        assert values(load_record()) == dict.fromkeys(range(6), 0.5)
+    else:
+        assert outcome.changes[0].replaced == 3
+        assert list(values(load_record()).values()) == [0.7, 0.8, 0.9, 0.5, 0.5, 0.5]
+
+
 def test_what_is_published_already_is_left_alone(local, record):
     mine = local("mine")
     mine.add("orca", SCENARIO, spl=[0.5])

@@ -15,7 +15,6 @@ from crowdbench.evaluation.record import (
     load_commands,
     load_record,
     read_record,
-    record_commands,
     write_cell,
 )
 from crowdbench.evaluation.results import Cell, ResultsError
@@ -108,7 +107,7 @@ def test_commands_come_back_to_the_last_bit(tmp_path):
     commands = commands_of(rows)
     write_cell(tmp_path, CELL, rows, commands)
     for seed in SEEDS:
-        found = record_commands(CELL, seed, tmp_path)
+        found = list(load_commands(CELL, tmp_path).of(seed).values())
         expected = [commands[seed, "robot_0"], commands[seed, "robot_1"]]
         assert [len(one) for one in found] == [3, 4]
         np.testing.assert_array_equal(np.concatenate(found), np.concatenate(expected))
@@ -128,7 +127,7 @@ def test_what_is_installed_holds_all_rows_and_the_commands_of_the_first_seeds(wr
     (written / "rest").rename(written / "away")
     assert list(load_record(folder=written)["seed"]) == list(SEEDS)
     assert load_commands(CELL, written).seeds == {s for s in SEEDS if s in INSTALLED_SEEDS}
-    assert record_commands(CELL, 250, written) is None
+    assert load_commands(CELL, written).of(250) == {}
 
 
 def test_rows_without_commands_are_allowed(tmp_path):
@@ -194,12 +193,12 @@ def test_rows_that_0_1_0_has_stored_are_of_the_first_world(tmp_path):
 def test_commands_of_another_measurement_are_not_given_out(written):
     other = replace(CELL, weights_sha256="other")
     with pytest.warns(UserWarning, match=r"npz: commands of another measurement than the rows"):
-        assert record_commands(other, 7, written) is None
+        assert load_commands(other, written).of(7) == {}
 
 
 def test_an_empty_record_has_no_rows(tmp_path):
     assert load_record(folder=tmp_path).empty
-    assert record_commands(CELL, 0, tmp_path) is None
+    assert load_commands(CELL, tmp_path).seeds == set()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from crowdbench.agent import Agent
-from crowdbench.evaluation.resimulate import ResimulationError, resimulate
+from crowdbench.evaluation.driven import ResimulationError
+from crowdbench.evaluation.resimulate import resimulate
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.scenario import load_scenario
 

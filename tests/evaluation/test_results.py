@@ -1,27 +1,18 @@
 from __future__ import annotations
 
-import contextlib
-import json
 import math
-import random
 import re
-import signal
-import sqlite3
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_episodes import CELL, row
 
 from crowdbench import load_scenario
-from crowdbench.evaluation.database import FILE
 from crowdbench.evaluation.metrics import METRICS, metrics
 from crowdbench.evaluation.results import (
-    Cell,
     Origin,
     Result,
     ResultsError,
@@ -35,22 +26,6 @@ from crowdbench.evaluation.results import (
 from crowdbench.evaluation.rows import metric_columns
 from crowdbench.evaluation.stored import defined_scenario, find_scenario
 from crowdbench.simulation import WORLD_VERSION
-
-CELL = Cell(
-    scenario="by_hand",
-    scenario_digest="0123456789ab",
-    agent="planner:gain=2",
-    options='{"gain": 2}',
-    world=WORLD_VERSION,
-    weights_sha256="",
-    code="a file",
-)
-
-
-def row(seed, robot="robot_0", **values):
-    """An episode as short as one can be."""
-    facts = {"outcome": "success", "steps": 3, "metrics": {"success": 1.0}}
-    return Result(seed, robot, **{**facts, **values})
 
 
 @pytest.fixture
@@ -122,14 +97,6 @@ def test_an_episode_without_commands_has_none(store):
     assert load_commands(store.folder, CELL, 0) is None
     assert load_commands(store.folder, CELL, 1) is None
     assert load_commands(store.folder / "nowhere", CELL, 0) is None
-
-
-def test_commands_that_were_damaged_are_refused_by_name(store):
-    store.append(CELL, [row(4, commands=np.ones((3, 2)), inference_s=np.ones(3))])
-    for change in ("commands = x'00'", "inference_s = x'0000'", "commands = x''"):
-        alter(store, f"UPDATE actions SET {change}")
-        with pytest.raises(ResultsError, match=r"planner:gain=2 in by_hand, seed 4: damaged comm"):
-            load_commands(store.folder, CELL, 4)
 
 
 def test_the_same_episode_is_stored_once(store):
@@ -227,154 +194,6 @@ def test_rows_are_found_by_scenario_and_agent(store):
     empty = load_results(store.folder, scenario="elsewhere")
     assert empty.empty
     assert {"scenario", "agent", "seed"} <= set(empty.columns)
-
-
-def alter(store, statement):
-    """Change the file as somebody else could, its own checks left out."""
-    with contextlib.closing(sqlite3.connect(store.path)) as database, database:
-        database.execute("PRAGMA ignore_check_constraints = ON")
-        database.execute(statement)
-
-
-@pytest.mark.parametrize(
-    ("statement", "told"),
-    [
-        (
-            "UPDATE metrics SET success = 7 WHERE episode = 2",
-            "success is 7.0, expected 0, 1 or nothing",
-        ),
-        ("UPDATE metrics SET success = -1e-9 WHERE episode = 2", "success is -1e-09"),
-        ("UPDATE episodes SET steps = -5 WHERE seed = 1", "steps is -5, expected 0 or more"),
-        ("UPDATE episodes SET outcome = 'draw' WHERE seed = 1", "outcome is draw, expected succ"),
-    ],
-)
-def test_a_row_of_what_cannot_be_is_refused_and_never_counted(store, statement, told):
-    store.append(CELL, [row(0), row(1)])
-    alter(store, statement)
-    with pytest.raises(ResultsError) as caught:
-        load_results(store.folder)
-    where = f"{store.path}: planner:gain=2 in by_hand, seed 1, robot_0: "
-    assert str(caught.value).startswith(where + told)
-
-
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "UPDATE metrics SET success = 'many'",
-        "UPDATE episodes SET steps = 'some'",
-        "UPDATE episodes SET seed = NULL",
-    ],
-)
-def test_the_file_takes_nothing_but_numbers_for_numbers(store, statement):
-    store.append(CELL, [row(0)])
-    with pytest.raises(sqlite3.IntegrityError):
-        alter(store, statement)
-
-
-LAX = (
-    "PRAGMA writable_schema = ON",
-    "UPDATE sqlite_schema SET sql = replace(sql, ') STRICT', ')')",
-)
-"""What a damaged disk needs no permission for: anything in any column."""
-
-
-@pytest.mark.parametrize(
-    ("statement", "told"),
-    [
-        ("UPDATE cells SET options = x'78'", "damaged (options of a cell is b'x')"),
-        ("UPDATE metrics SET success = x'78'", "a row holds something else than numbers ("),
-        ("UPDATE episodes SET steps = 'some'", "a row holds something else than numbers ("),
-    ],
-)
-def test_values_of_another_kind_are_damage(store, statement, told):
-    store.append(CELL, [row(0)])
-    with contextlib.closing(sqlite3.connect(store.path)) as database, database:
-        for change in LAX:
-            database.execute(change)
-    alter(store, statement)
-    with pytest.raises(ResultsError) as caught:
-        load_results(store.folder)
-    assert str(caught.value).startswith(f"{store.path}: {told}")
-
-
-WRITER = """
-import json, sys
-from pathlib import Path
-import numpy as np
-from crowdbench.evaluation import metrics
-from crowdbench.evaluation.results import Cell, Result, ResultsStore
-folder, first, last, cell = sys.argv[1:]
-store, cell = ResultsStore(Path(folder)), Cell(**json.loads(cell))
-commands, times = np.ones((60, 2)), np.ones(60)
-print("ready", flush=True)
-sys.stdin.readline()
-for seed in range(int(first), int(last)):
-    facts = {"outcome": "success", "steps": 60, "metrics": {"success": 1.0}, "error": "e" * 900}
-    store.append(cell, [
-        Result(seed, robot, commands=commands, inference_s=times, **facts)
-        for robot in ("robot_0", "robot_1")
-    ])
-"""
-
-
-def writer(folder, first, last):
-    """A process that waits for a line and then stores episodes of two robots."""
-    numbers = map(str, (first, last))
-    process = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(folder), *numbers, json.dumps(vars(CELL))],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout.readline() == "ready\n"
-    return process
-
-
-def begin(process):
-    process.stdin.write("\n")
-    process.stdin.flush()
-
-
-def assert_whole(folder, seeds):
-    """Exactly these episodes, each with both robots and their commands, in a sound file."""
-    stored = load_results(folder)
-    assert list(stored["seed"]) == [seed for seed in seeds for _ in range(2)]
-    with contextlib.closing(sqlite3.connect(folder / FILE)) as database:
-        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        for table in ("metrics", "actions"):
-            found = database.execute(f"SELECT count(*) FROM {table}").fetchone()
-            assert found == (len(stored),)
-
-
-def test_a_writer_killed_at_random_moments_loses_and_doubles_nothing(tmp_path):
-    rng, seeds, kept = random.Random(0), 30000, 0
-    for _ in range(4):
-        process = writer(tmp_path, 0, seeds)
-        begin(process)
-        deadline = time.monotonic() + 60
-        while len(load_results(tmp_path)) // 2 <= kept:
-            assert time.monotonic() < deadline, "nothing is stored"
-        time.sleep(rng.uniform(0, 0.3))
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        count = len(load_results(tmp_path)) // 2
-        assert_whole(tmp_path, range(count))
-        assert count >= kept
-        kept = count
-    assert 0 < kept < seeds, "the kills came too late to say anything"
-    process = writer(tmp_path, 0, kept + 50)
-    process.communicate("\n")
-    assert_whole(tmp_path, range(kept + 50))
-
-
-def test_two_processes_may_write_the_same_results_at_once(tmp_path):
-    both = [writer(tmp_path, 0, 300), writer(tmp_path, 100, 400)]
-    for process in both:
-        begin(process)
-    for process in both:
-        assert process.communicate()[1] == ""
-    assert_whole(tmp_path, range(400))
 
 
 @pytest.mark.parametrize(

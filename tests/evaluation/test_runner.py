@@ -233,6 +233,26 @@ def test_a_row_names_what_its_episode_depends_on(tmp_path, planner):
         assert row[library] == version(library)
 
 
+def test_an_agent_that_warns_of_ever_new_things_is_not_listened_to_for_ever(tmp_path):
+    path = tmp_path / "talks.py"
+    path.write_text(
+        "import warnings, crowdbench\n"
+        "class Talks(crowdbench.Agent):\n"
+        "    def reset(self, robot, seed):\n"
+        "        pass\n"
+        "    def act(self, observation):\n"
+        "        for number in range(1000):\n"
+        "            warnings.warn(f'{number} of many')\n"
+        "        return 0.0, 0.0\n"
+    )
+    with pytest.warns(UserWarning) as caught:
+        run([Task(TINY, AgentSpec(f"{path}:Talks", {}), SEEDS)], tmp_path / "results", jobs=1)
+    told = [str(one.message) for one in caught if "Talks" in str(one.message)]
+    assert len(told) == 21
+    assert told[0].endswith("0 of many")
+    assert told[-1].endswith("further warnings of this run are not shown")
+
+
 @pytest.mark.parametrize(("cores", "told"), [(1, ", 1 core, 1 thread"), (2, ", 2 cores, 1 thread")])
 def test_a_machine_is_named_with_its_cores(monkeypatch, cores, told):
     monkeypatch.setattr("crowdbench.evaluation.machine.core_count", lambda: cores)

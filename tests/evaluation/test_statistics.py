@@ -18,6 +18,7 @@ from crowdbench.evaluation.statistics import (
     estimate,
     estimates,
     holm,
+    linearised,
     mean_interval,
     paired_difference,
     per_episode,
@@ -51,6 +52,13 @@ def test_wilson_agrees_with_the_published_table(successes, n, low, high):
     assert found.mean == successes / n
     assert found.n == n
     assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(n=st.integers(1, 3000), share=st.floats(0, 1))
+def test_wilson_is_scipys_to_the_last_bit(n, share):
+    successes = round(share * n)
+    expected = stats.binomtest(successes, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(ones(successes, n))[1:3] == tuple(expected)
 
 
 @given(n=st.integers(1, 500), share=st.floats(0, 1))
@@ -152,9 +160,14 @@ def test_one_value_or_none_has_no_interval():
 
 @pytest.mark.parametrize("name", METRICS)
 def test_the_kind_of_a_metric_decides_on_its_interval(name):
-    values = [*ones(9, 12), math.nan]
-    expected = wilson_interval if METRICS[name].kind == "proportion" else mean_interval
-    assert estimate(METRICS[name], values) == expected(values)
+    values, weights = [*ones(9, 12), math.nan], np.arange(1.0, 14.0)
+    entry = METRICS[name]
+    if entry.weight:
+        expected = mean_interval(linearised(values, weights))
+        assert estimate(entry, values, weights) == expected != mean_interval(values)
+    else:
+        expected = wilson_interval if entry.kind == "proportion" else mean_interval
+        assert estimate(entry, values) == expected(values)
 
 
 def test_a_proportion_averaged_over_robots_is_a_mean():

@@ -16,7 +16,8 @@ VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 def test_rows_are_the_same_for_any_number_of_jobs_and_threads(tmp_path, monkeypatch):
     """To the last bit, and so are the commands."""
-    tasks = [Task(SHORT, AgentSpec(name, {}), range(2)) for name in AGENTS]
+    # One episode each: with more jobs, agents compute side by side and not in more processes.
+    tasks = [Task(SHORT, AgentSpec(name, {}), [0]) for name in AGENTS]
     found = []
     for jobs, threads in ((1, None), (2, "2"), (2, "1")):
         for name in VARIABLES:
@@ -26,10 +27,10 @@ def test_rows_are_the_same_for_any_number_of_jobs_and_threads(tmp_path, monkeypa
         folder = tmp_path / f"{jobs}-{threads}"
         cells = run(tasks, folder, jobs=jobs)
         rows = load_results(folder)
-        commands = [load_driven(folder, cell, seed)[0] for cell in cells for seed in range(2)]
+        commands = [load_driven(folder, cell, 0)[0] for cell in cells]
         found.append((rows, [one.commands.tobytes() for one in commands]))
     (first, asked), *others = found
-    assert len(first) == 6
+    assert len(first) == 3
     assert set(first["outcome"]) <= {"timeout", "collision"}
     measured = [name for name in METRICS if name != "inference_s"]
     for rows, commands in others:

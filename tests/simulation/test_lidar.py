@@ -86,6 +86,7 @@ def test_a_sensor_inside_a_shape_reads_zero():
     assert (scan([0, 0, 0], people=np.array([[0.1, 0.0]])) == 0).all()
 
 
+@settings(deadline=None)
 @given(x=st.floats(-5, 5), y=st.floats(-5, 5), heading=st.floats(-4, 4), length=st.floats(0.2, 2))
 def test_footprints_are_shapelys_turned_boxes(x, y, heading, length):
     edges = footprint_segments(np.array([x, y, heading]), length, 0.3)

@@ -5,10 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crowdbench.scenario import Reward
+from crowdbench import Scenario
+from crowdbench.simulation.kinematics import DIFFERENTIAL, make_drive
+from crowdbench.simulation.lanes import world_of
 from crowdbench.simulation.reward import collision_term, goal_term, social_term
 
-WEIGHTS = Reward()
+SCENARIO = Scenario(name="weights")
+WEIGHTS = world_of(SCENARIO, make_drive(SCENARIO), DIFFERENTIAL)
 
 
 def social(pose, speed, position, velocity):

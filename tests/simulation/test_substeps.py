@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bodies import put, turn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
@@ -117,9 +118,9 @@ def test_a_robot_does_not_drive_through_somebody_who_stands(
     env.reset(seed=0)
     world = env._world
     ahead = np.array([np.cos(angle), np.sin(angle)])
-    world.pose[0, 2] = world._bodies[0].angle = angle
+    turn(world, 0, angle)
     gap = 0.5 * speed * period
-    world._bodies[1].position = tuple(world.pose[0, :2] + ahead * (gap + width / 2 + radius))
+    put(world, 1, world.pose[0, :2] + ahead * (gap + width / 2 + radius))
     _, _, _, _, infos = env.step({"robot_0": (speed, 0.0), "pedestrian_0": (0.0, 0.0)})
     assert infos["robot_0"]["outcome"] == "collision"
     assert infos["robot_0"]["contact"].kind == "pedestrian"
@@ -132,8 +133,8 @@ def test_nobody_is_pushed_through_a_wall():
     scenario = corridor(**{"robots.speed": [0, 10], "control_period": 1.0, "substeps": 1,
                            "pedestrians.count": 1, "pedestrians.model": "straight"})  # fmt: skip
     world = World(scenario, 0)
-    world.pose[0, 2] = world._bodies[0].angle = np.pi / 2
-    world._bodies[1].position = tuple(world.pose[0, :2] + [0.0, 0.6])
+    turn(world, 0, np.pi / 2)
+    put(world, 1, world.pose[0, :2] + [0.0, 0.6])
     for _ in range(5):
         world.step(np.array([[10.0, 0.0]]))
         robot, person = world.pose[0, :2], world.pedestrians.position[0]

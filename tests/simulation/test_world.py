@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bodies import turn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
@@ -76,8 +77,7 @@ def test_a_contact_names_what_was_hit_and_who_drove_into_whom():
         pedestrians={"count": 0},
     )  # fmt: skip
     world = World(scenario, 3)
-    world.pose[0, 2] = np.pi / 2
-    world._bodies[0].angle = np.pi / 2
+    turn(world, 0, np.pi / 2)
     for _ in range(40):
         world.step(np.array([[0.5, 0.0]]))
     contact = world.contacts[0]

@@ -19,6 +19,7 @@ from matplotlib.text import Text
 from crowdbench.evaluation.database import FILE, ResultsError
 from crowdbench.evaluation.driven import packed
 from crowdbench.evaluation.rollout import run_episode
+from crowdbench.evaluation.scene import arena_picture
 from crowdbench.scenario import load_scenario
 from crowdbench.study.figures import save_figures
 from crowdbench.study.measurements import Measurements
@@ -168,7 +169,7 @@ def test_the_snapshots_end_where_the_run_ends_or_before(measured):
 
 def test_the_scene_is_shown_without_the_renderer_s_margin():
     scenario = load_scenario("corridor_very_dense")
-    picture = scenes._picture(scenario, seed=2)
+    picture = arena_picture(scenario, seed=2, steps=1)
     height, width = picture.shape[:2]
     assert width / height == pytest.approx(scenario.arena.length / scenario.arena.width, rel=0.01)
     # The walls are the dark lines on the long sides: the arena fills the picture.

@@ -94,7 +94,7 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
 
     monkeypatch.setattr(Learner, "update", interrupted)
     changes = overrides | {"training.pretraining": pretraining}
-    folder = train("short", steps=10_000, overrides=changes)
+    folder = train("short", steps=10_000, overrides=changes, actors=0)
     counters = load_checkpoint(folder, FORMAT)["counters"]
     assert counters["updates"] == 1
     assert counters["steps"] < 100
@@ -106,5 +106,5 @@ def test_a_run_says_its_arithmetic_and_goes_on_in_another(
     changes = overrides | {"training.bfloat16": True}
     for steps, instructions, said in ((20, True, "bfloat16"), (40, False, "float32 (this CPU")):
         monkeypatch.setattr(precision, "cpu_has_bfloat16", lambda has=instructions: has)
-        train("moved", steps=steps, resume=steps > 20, overrides=changes)
+        train("moved", steps=steps, resume=steps > 20, overrides=changes, actors=0)
         assert f"networks learn in {said}" in " ".join(capsys.readouterr().out.split())

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from crowdbench.evaluation.joined import local_rows
+from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import load_results
+from crowdbench.site.website import write_report_page
 
 VIEWS = ["", "#/", "#/tables", "#/agents", "#/agent?name=orca", "#/replay"]
 
@@ -81,3 +84,12 @@ def test_filters_leave_what_is_asked_for(page, site):
     assert page.locator(".board").count() == 1, "nothing is left of the other corridor"
     page.get_by_label("All metrics").check()
     assert board(page).locator('[data-sort="jerk"]').count() == 1
+
+
+def test_what_is_not_computed_is_told_from_what_is_not_defined(page, episodes, tmp_path):
+    episodes.add("orca", success=[1.0, 1.0], older=["jerk"])
+    written = write_report_page(local_rows(episodes.folder), tmp_path / "site")
+    page.goto(written.page.as_uri())
+    page.get_by_label("All metrics").check()
+    shown = dict(zip(["", *METRICS], page.locator("tbody tr > *").all_inner_texts(), strict=False))
+    assert (shown["jerk"], shown["robot_at_fault"]) == ("not computed", "–")

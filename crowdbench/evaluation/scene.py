@@ -1,0 +1,30 @@
+"""A picture of a scenario's arena, as figures show it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.scenario import Scenario
+
+SPEED = 0.5
+"""Of the robots, straight on [m/s]."""
+
+
+def arena_picture(scenario: Scenario, seed: int, steps: int) -> NDArray[np.uint8]:
+    """(H, W, 3) the arena, without the margin, after some steps straight on."""
+    from crowdbench.simulation.canvas import View
+    from crowdbench.simulation.env import CrowdEnv
+
+    env = CrowdEnv(scenario, render_mode="rgb_array")
+    env.reset(seed=seed)
+    picture = env.render()
+    for _ in range(steps):
+        env.step(dict.fromkeys(env.agents, (SPEED, 0.0)))
+        picture = env.render()
+    env.close()
+    assert picture is not None
+    view = View(scenario.arena.length, scenario.arena.width)
+    across, up = (round(view.scale * side) for side in (view.length, view.width))
+    top, left = (picture.shape[0] - up) // 2, (picture.shape[1] - across) // 2
+    return np.ascontiguousarray(picture[top : top + up, left : left + across])

@@ -1,0 +1,207 @@
+"""Episodes in many lanes: which begins next in each, what a step does, and how each ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.scenario import Scenario, ScenarioError, load_scenario
+from crowdbench.simulation import observations, streams
+from crowdbench.simulation.kinematics import make_drive
+from crowdbench.simulation.lanes import RUNNING, TIMEOUT
+from crowdbench.simulation.substeps import check_speeds
+from crowdbench.simulation.world import Lane
+from crowdbench.simulation.worlds import Worlds
+
+_OWN = {"robots": {"travel", "goal_tolerance"}, "lidar": {"noise", "dropout"}}
+"""Fields of robots and LiDAR in which lanes may differ."""
+
+
+class Step(NamedTuple):
+    """What a step did in M lanes with R robots each.
+
+    Attributes:
+        acted: (M, R) the robot was in the scene.
+        terms: (M, R, 3) of the reward, as in TERMS; zeros for robots that were not there.
+        outcome: (M, R) index into OUTCOMES.
+        contacts: (M, R) Contact or None.
+    """
+
+    acted: NDArray[np.bool_]
+    terms: NDArray[np.float64]
+    outcome: NDArray[np.int64]
+    contacts: NDArray[np.object_]
+
+    def of(self, which: NDArray[Any]) -> Step:
+        """The same of some of the lanes, by a mask (M,)."""
+        return Step(self.acted[which], self.terms[which], self.outcome[which], self.contacts[which])
+
+
+class Episodes:
+    """The episodes of N lanes, each in a scenario that is drawn by weight.
+
+    Attributes:
+        scenarios: that may be drawn.
+        count, robots: N, and R in each lane.
+        over: (N,) no episode is running.
+        scenario: (N,) index of the present one.
+        seed: (N,) of the present episode.
+    """
+
+    def __init__(self, scenarios: Sequence[Scenario], count: int) -> None:
+        """Make room; no episode begins.
+
+        Raises:
+            ValueError: no lanes or no scenarios.
+            ScenarioError: a scenario cannot be used, or not together with the first.
+        """
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+            raise ValueError(f"num_envs: {count!r}; allowed: a whole number of at least 1")
+        if not scenarios:
+            raise ValueError("scenario: an empty list; allowed: at least one scenario")
+        for scenario in scenarios:
+            _check_alike(scenarios[0], scenario)
+            if scenario.pedestrians.control != "scripted":
+                raise ScenarioError(
+                    f"scenario {scenario.name!r}: pedestrians.control: "
+                    f"{scenario.pedestrians.control!r}; allowed in lanes: 'scripted'"
+                )
+            check_speeds(scenario, make_drive(scenario), scenario.pedestrians.speed[1])
+        self.scenarios = list(scenarios)
+        self.count, self.robots = int(count), scenarios[0].robots.count
+        self.over = np.ones(count, dtype=np.bool_)
+        self.scenario, self.seed = np.zeros((2, count), dtype=np.int64)
+        self._worlds = Worlds(count, scenarios)
+        self._limits = np.array([scenario.max_steps for scenario in scenarios])
+        self._steps = np.zeros(count, dtype=np.int64)
+        self._seeds = [np.random.default_rng() for _ in range(count)]
+        self._draws = [np.random.default_rng() for _ in range(count)]
+        self._shares = np.ones(len(scenarios)) / len(scenarios)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(scenarios,) how often each is drawn, in shares of 1; episodes to come follow a change.
+
+        Raises:
+            ValueError: set to something other than one weight a scenario, none negative and not
+                all zero.
+        """
+        return self._shares.copy()
+
+    @weights.setter
+    def weights(self, weights: Sequence[float]) -> None:
+        try:
+            shares = np.array(weights, dtype=np.float64)
+        except (TypeError, ValueError):
+            shares = np.full(1, np.nan)
+        fits = shares.shape == (len(self.scenarios),) and np.isfinite(shares).all()
+        if not fits or (shares < 0).any() or not 0 < shares.sum() < math.inf:
+            raise ValueError(
+                f"weights: {weights!r}; allowed: {len(self.scenarios)} finite numbers, one per "
+                "scenario, none negative and not all zero"
+            )
+        self._shares = shares / shares.sum()
+
+    def begin(self, lane: int, seed: int | None = None, scenario: int | None = None) -> None:
+        """Begin an episode in a lane.
+
+        Args:
+            lane: which.
+            seed: of the episode; from it the lane also draws those of later episodes and their
+                scenarios. None draws the next one.
+            scenario: index of its scenario; None draws it by weight.
+
+        Raises:
+            ScenarioError: the scenario has no room.
+        """
+        if seed is None:
+            seed = int(self._seeds[lane].integers(2**31))
+        else:
+            self._seeds[lane] = streams.next_episode(seed)
+            self._draws[lane] = streams.scenario(seed)
+        if scenario is None:
+            scenario = self._draw(lane)
+        self._worlds.begin(lane, self.scenarios[scenario], seed)
+        self.scenario[lane], self.seed[lane] = scenario, seed
+        self._steps[lane] = 0
+        self.over[lane] = False
+
+    def observe(self, lanes: NDArray[np.int64]) -> None:
+        """Write what is seen at the beginning of the lanes' episodes into ``seen``."""
+        self._worlds.observe(lanes)
+
+    @property
+    def seen(self) -> NDArray[np.float32]:
+        """(N, R, PROPRIOCEPTION + beams) latest observations, as ``as_observation`` names them."""
+        return self._worlds.state.seen
+
+    def step(self, lanes: NDArray[np.int64], commands: NDArray[np.float64]) -> Step:
+        """Advance some lanes whose episodes are running by a control period.
+
+        Args:
+            lanes: (M,) which.
+            commands: (M, R, 2) actions within the drive's bounds.
+        """
+        robots, worlds = self._worlds.state.robots, self._worlds
+        acted = robots["active"][lanes]
+        worlds.choose(lanes)
+        worlds.move(lanes, commands)
+        worlds.observe(lanes)
+        worlds.judge(lanes)
+        self._steps[lanes] += 1
+        outcome = np.where(acted, robots["outcome"][lanes], RUNNING)
+        ended = outcome != RUNNING
+        contacts = np.full(ended.shape, None, dtype=object)
+        for i, r in np.argwhere(ended).tolist():
+            contacts[i, r] = worlds.episode(int(lanes[i])).bodies.touched(r)
+            worlds.remove(int(lanes[i]), r)
+        late = self._steps[lanes] >= self._limits[self.scenario[lanes]]
+        outcome[late[:, None] & acted & ~ended] = TIMEOUT
+        self.over[lanes] = late | ~robots["active"][lanes].any(axis=1)
+        terms = np.where(acted[..., None], robots["terms"][lanes], 0.0)
+        return Step(acted, terms, outcome, contacts)
+
+    def state(self, lane: int) -> dict[str, NDArray[Any]]:
+        """Everything about a lane, as ``CrowdEnv.state()``."""
+        return observations.state(Lane(self._worlds, lane))
+
+    def _draw(self, lane: int) -> int:
+        if len(self.scenarios) == 1:
+            return 0
+        bounds = np.cumsum(self._shares)
+        return int(np.searchsorted(bounds / bounds[-1], self._draws[lane].random(), side="right"))
+
+
+def load_all(
+    scenario: str | Path | Scenario | Sequence[str | Path | Scenario], overrides: dict[str, Any]
+) -> list[Scenario]:
+    """One scenario or several, each with the same overrides.
+
+    Raises:
+        ScenarioError: unknown scenario or field, or a value out of range.
+    """
+    alone = isinstance(scenario, (str, Path, Scenario))
+    names: Sequence[Any] = [scenario] if alone else scenario  # type: ignore[assignment]
+    return [load_scenario(name, **overrides) for name in names]
+
+
+def _check_alike(first: Scenario, other: Scenario) -> None:
+    """See that two scenarios have the same robots and LiDAR.
+
+    Raises:
+        ScenarioError: names the field and both values.
+    """
+    for section, own in _OWN.items():
+        expected, found = getattr(first, section), getattr(other, section)
+        for field in type(expected).model_fields:
+            mine, others = getattr(expected, field), getattr(found, field)
+            if field not in own and mine != others:
+                raise ScenarioError(
+                    f"scenario {other.name!r}: {section}.{field}: {others!r}, but {mine!r} in "
+                    f"scenario {first.name!r}; all lanes need the same robots and LiDAR"
+                )

@@ -1,0 +1,210 @@
+"""The state of many worlds side by side: arrays of records, whose leading axis is the lane.
+
+Compiled functions are given these and the lanes to work on. Lanes may differ in their scenario as
+long as robots and LiDAR are alike; there are rows for the largest of everything, and those that a
+lane has not are never read. Lengths are in metres, times in seconds, angles in radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.scenario import Scenario
+from crowdbench.scenario.room import robot_radius
+from crowdbench.simulation.chipmunk import CONTACT
+from crowdbench.simulation.kinematics import Drive
+from crowdbench.simulation.substeps import half_extent
+
+CANDIDATES = 16
+"""Places that are drawn for either goal of a leg."""
+DRAWS = 4 * CANDIDATES + 3
+"""Numbers that a leg takes from its pedestrian's stream."""
+LEGS_AHEAD = 4
+"""Legs whose draws are held ready."""
+
+OUTCOMES = ("running", "success", "collision", "timeout")
+RUNNING, SUCCESS, COLLISION, TIMEOUT = range(len(OUTCOMES))
+TERMS = ("goal", "collision", "social")
+"""Terms of the reward, in the order in which they are added."""
+PROPRIOCEPTION = 7
+"""Numbers of an observation before the scan: velocity (2), goal (2), odometry (3)."""
+
+_WHOLE, _REAL, _FLAG, _ADDRESS = np.int64, np.float64, np.bool_, np.uint64
+
+WORLD = np.dtype(
+    [
+        # Of the scenario, in the order of its fields.
+        ("period", _REAL),
+        ("least_steps", _WHOLE),  # physics steps of a control period, at least
+        ("half_length", _REAL),  # of the area in which pedestrians have their goals
+        ("half_width", _REAL),
+        ("drive", _WHOLE),  # which compiled one
+        ("robot_length", _REAL),
+        ("robot_width", _REAL),
+        ("robot_radius", _REAL),  # of the circle around the footprint, as pedestrians see it
+        ("corner", _REAL),  # the same circle, as substeps are chosen by it
+        ("reach", _REAL, 2),  # how far the velocity can change in a control period
+        ("full_speed", _REAL),
+        ("goal_tolerance", _REAL),
+        ("range", _REAL),
+        ("obstacles", _WHOLE),
+        ("walls", _WHOLE),
+        ("people", _WHOLE),
+        ("radius", _REAL),
+        ("half_view", _REAL),
+        ("responsibility", _REAL),
+        ("switch_probability", _REAL),  # 0 where goals are unimodal
+        ("leg", _REAL),
+        ("walks_on", _FLAG),  # on arrival
+        ("half_extent", _REAL),  # of the smallest body that moves
+        ("arrival", _REAL),
+        ("progress", _REAL),
+        ("collision", _REAL),
+        ("proximity", _REAL),
+        ("proximity_range", _REAL),
+        ("social", _REAL),
+        ("social_radius", _REAL),
+        ("social_horizon", _REAL),
+        # Of the episode.
+        ("time", _REAL),  # since it began
+        ("space", _ADDRESS),  # where Chipmunk keeps it
+        ("steps", _WHOLE),  # physics steps of this control period
+        ("bias", _REAL),  # share of an overlap that is left after a second
+    ],
+    align=True,
+)
+
+ROBOT = np.dtype(
+    [
+        ("pose", _REAL, 3),  # x, y, heading
+        ("velocity", _REAL, 2),  # what the drive is doing, e.g. v, w
+        ("direction", _REAL, 2),  # unit vector along which the robot travels, in the world
+        ("speed", _REAL),  # along it, negative backwards
+        ("world_velocity", _REAL, 2),  # direction times speed
+        ("active", _FLAG),  # still in the scene
+        ("goal", _REAL, 2),
+        ("origin", _REAL, 3),  # pose at which odometry is zero
+        ("distance", _REAL),  # to the goal
+        ("body", _ADDRESS),  # Chipmunk's
+        ("turn_rate", _REAL),
+        ("outline", _REAL, (4, 4)),  # edges of the footprint, where there are several robots
+        ("nearest", _REAL),  # least true LiDAR distance
+        ("terms", _REAL, len(TERMS)),  # of the reward
+        ("outcome", _WHOLE),  # index into OUTCOMES
+    ],
+    align=True,
+)
+
+PERSON = np.dtype(
+    [
+        ("position", _REAL, 2),
+        ("velocity", _REAL, 2),
+        ("heading", _REAL),  # direction of the last step walked
+        ("goal", _REAL, 2),
+        ("start", _REAL, 2),  # of the leg
+        ("next_goal", _REAL, 2),  # after a switch
+        ("speed", _REAL),  # preferred, never exceeded
+        ("radius", _REAL),
+        ("intent", _WHOLE),  # index into INTENTS
+        ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept
+        ("deadline", _REAL),  # when the leg is given up
+        ("reactive", _FLAG),  # sees the robots
+        ("preferred", _REAL, 2),  # velocity if nobody was in the way
+        ("chosen", _REAL, 2),  # velocity for this control period
+        ("drawn", _WHOLE),  # legs begun of those whose draws are held ready
+        ("body", _ADDRESS),  # Chipmunk's
+    ],
+    align=True,
+)
+
+
+class State(NamedTuple):
+    """Everything that compiled functions work on; L lanes, R robots and P pedestrians in each.
+
+    Attributes:
+        worlds: (L,) records WORLD.
+        robots: (L, R) records ROBOT.
+        people: (L, P) records PERSON.
+        obstacles: (L, K, 3) x, y, radius [m].
+        walls: (L, S, 4) x1, y1, x2, y2 [m].
+        sees: (L, P, R) which pedestrian sees which robot now.
+        draws: (L, P, LEGS_AHEAD, DRAWS) in [0, 1), for the legs to come.
+        contacts: (L, R, CONTACT) what each robot has touched first.
+        seen: (L, R, PROPRIOCEPTION + beams) what robots observe.
+    """
+
+    worlds: NDArray[np.void]
+    robots: NDArray[np.void]
+    people: NDArray[np.void]
+    obstacles: NDArray[np.float64]
+    walls: NDArray[np.float64]
+    sees: NDArray[np.bool_]
+    draws: NDArray[np.float64]
+    contacts: NDArray[np.float64]
+    seen: NDArray[np.float32]
+
+
+def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
+    """Enough of everything for any of the scenarios in every lane."""
+    robots, beams = scenarios[0].robots.count, scenarios[0].lidar.beams
+    people = max(scenario.pedestrians.count for scenario in scenarios)
+    obstacles = max(scenario.obstacles.count for scenario in scenarios)
+
+    def make(kind: Any, *shape: int) -> NDArray[Any]:
+        return np.zeros((lanes, *shape), dtype=kind)
+
+    return State(
+        worlds=make(WORLD),
+        robots=make(ROBOT, robots),
+        people=make(PERSON, people),
+        obstacles=make(_REAL, obstacles, 3),
+        walls=make(_REAL, max(map(wall_count, scenarios)), 4),
+        sees=make(_FLAG, people, robots),
+        draws=make(_REAL, people, LEGS_AHEAD, DRAWS),
+        contacts=make(_REAL, robots, CONTACT),
+        seen=make(np.float32, robots, PROPRIOCEPTION + beams),
+    )
+
+
+def wall_count(scenario: Scenario) -> int:
+    """A corridor has two, an open arena none."""
+    return 2 if scenario.arena.kind == "corridor" else 0
+
+
+def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
+    """A record WORLD, before any episode, with a drive of which ``kind`` is the compiled one."""
+    people, robots, arena = scenario.pedestrians, scenario.robots, scenario.arena
+    values = {
+        "period": scenario.control_period,
+        "least_steps": scenario.substeps,
+        "half_length": arena.length / 2 - people.radius,
+        "half_width": arena.width / 2 - people.radius,
+        "drive": kind,
+        "robot_length": robots.length,
+        "robot_width": robots.width,
+        "robot_radius": np.hypot(robots.length, robots.width) / 2,
+        "corner": robot_radius(robots),
+        "reach": np.array(robots.acceleration or (np.inf, np.inf)) * scenario.control_period,
+        "full_speed": drive.full_speed,
+        "goal_tolerance": robots.goal_tolerance,
+        "range": scenario.lidar.range,
+        "obstacles": scenario.obstacles.count,
+        "walls": wall_count(scenario),
+        "people": people.count,
+        "radius": people.radius,
+        "half_view": np.deg2rad(people.field_of_view) / 2,
+        "responsibility": people.responsibility,
+        "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
+        "leg": people.leg,
+        "walks_on": people.on_arrival == "new_goal",
+        "half_extent": half_extent(scenario),
+        **scenario.reward.model_dump(),
+    }
+    world = np.zeros((), dtype=WORLD)
+    for name, value in values.items():
+        world[name] = value
+    return world[()]

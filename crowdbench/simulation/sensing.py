@@ -1,0 +1,124 @@
+"""What robots see: scans, odometry and goals in one row of numbers for each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
+from crowdbench.scenario import Scenario
+from crowdbench.simulation.lanes import PROPRIOCEPTION
+from crowdbench.simulation.lidar import cast_rays, footprint_segments
+
+
+@compiled()
+def observe(
+    lanes: NDArray[np.int64],
+    worlds: NDArray[np.void],
+    robots: NDArray[np.void],
+    people: NDArray[np.void],
+    obstacles: NDArray[np.float64],
+    walls: NDArray[np.float64],
+    beams: NDArray[np.float64],
+    seen: NDArray[np.float32],
+) -> None:
+    """Write what the active robots observe, and their least LiDAR distances, without noise.
+
+    Args:
+        lanes: (M,) which.
+        worlds, robots, people, obstacles, walls: of all lanes as they are now, see ``State``.
+        beams: (beams, 3) from ``beam_table``.
+        seen: written.
+    """
+    position = np.empty((people.shape[1], 2))
+    segments = np.empty((walls.shape[1] + 4 * robots.shape[1], 4))
+    for i in range(len(lanes)):
+        lane = lanes[i]
+        world = worlds[lane]
+        for p in range(world.people):
+            position[p, 0] = people[lane, p].position[0]
+            position[p, 1] = people[lane, p].position[1]
+        for s in range(world.walls):
+            for column in range(4):
+                segments[s, column] = walls[lane, s, column]
+        for r in range(robots.shape[1]):
+            robot = robots[lane, r]
+            if not robot.active:
+                continue
+            filled = _add_outlines(segments, world.walls, robots[lane], r)
+            robot.nearest = cast_rays(
+                robot.pose,
+                beams,
+                position[: world.people],
+                world.radius,
+                obstacles[lane, : world.obstacles],
+                segments[:filled],
+                world.range,
+                seen[lane, r, PROPRIOCEPTION:],
+            )
+            _proprioception(robot.pose, robot.velocity, robot.goal, robot.origin, seen[lane, r])
+
+
+@compiled()
+def outline(lanes: NDArray[np.int64], worlds: NDArray[np.void], robots: NDArray[np.void]) -> None:
+    """Write the robots' footprints into ``robots.outline``, so that they can see each other."""
+    for i in range(len(lanes)):
+        world = worlds[lanes[i]]
+        for r in range(robots.shape[1]):
+            robot = robots[lanes[i], r]
+            edges = footprint_segments(robot.pose, world.robot_length, world.robot_width)
+            for s in range(4):
+                for column in range(4):
+                    robot.outline[s, column] = edges[s, column]
+
+
+@compiled()
+def _add_outlines(segments, filled, robots, mine):  # type: ignore[no-untyped-def]
+    """Add the edges of the other robots that are there; returns how many segments there are."""
+    for r in range(len(robots)):
+        if r != mine and robots[r].active:
+            for s in range(4):
+                for column in range(4):
+                    segments[filled, column] = robots[r].outline[s, column]
+                filled += 1
+    return filled
+
+
+@compiled()
+def _proprioception(
+    pose: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    out: NDArray[np.float32],
+) -> None:
+    """Write velocity (2), goal in the robot frame (2) and odometry since ``origin`` (3)."""
+    out[0], out[1] = velocity[0], velocity[1]
+    x, y = goal[0] - pose[0], goal[1] - pose[1]
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    out[2], out[3] = cosine * x + sine * y, cosine * y - sine * x
+    x, y = pose[0] - origin[0], pose[1] - origin[1]
+    cosine, sine = np.cos(origin[2]), np.sin(origin[2])
+    out[4], out[5] = cosine * x + sine * y, cosine * y - sine * x
+    out[6] = (pose[2] - origin[2] + np.pi) % (2 * np.pi) - np.pi
+
+
+def add_noise(scan: NDArray[np.float32], scenario: Scenario, noise: np.random.Generator) -> None:
+    """Give a scan the noise and dropout of the scenario's LiDAR."""
+    lidar = scenario.lidar
+    if lidar.noise > 0.0:
+        noisy = scan + noise.normal(0.0, lidar.noise, len(scan))
+        # A beam that hits nothing has nothing to be noisy about.
+        scan[:] = np.where(scan < lidar.range, np.clip(noisy, 0.0, lidar.range), scan)
+    if lidar.dropout > 0.0:
+        scan[noise.random(len(scan)) < lidar.dropout] = lidar.range
+
+
+def as_observation(seen: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+    """Parts of what one robot sees, or many (..., PROPRIOCEPTION + beams), by name."""
+    return {
+        "lidar": seen[..., PROPRIOCEPTION:],
+        "velocity": seen[..., 0:2],
+        "goal": seen[..., 2:4],
+        "pose": seen[..., 4:7],
+    }

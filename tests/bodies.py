@@ -1,0 +1,18 @@
+"""Bodies put elsewhere before anything moves, for tests of contacts."""
+
+from pymunk._chipmunk import ffi, lib
+
+
+def turn(world, robot, angle):
+    """Have a robot face another way [rad]."""
+    world.pose[robot, 2] = angle
+    lib.cpBodySetAngle(_body(world, robot), angle)
+
+
+def put(world, body, position):
+    """Put a body, robots first, somewhere else [m]."""
+    lib.cpBodySetPosition(_body(world, body), tuple(map(float, position)))
+
+
+def _body(world, index):
+    return ffi.cast("cpBody *", int(world.worlds.episode(0).bodies.addresses[index]))

@@ -1,0 +1,85 @@
+"""The command that trains hands over to whoever can, and says what comes of it."""
+
+import importlib.metadata
+from pathlib import Path
+
+import pytest
+
+from crowdbench.cli import main
+
+
+class Trainers:
+    """Entry points with one trainer that notes what it is asked."""
+
+    module, name = "tests.fake", "fake"
+
+    def __init__(self, error=None):
+        self.asked, self.error = None, error
+
+    def __call__(self, group):
+        return [self]
+
+    def load(self):
+        return self.train
+
+    def train(self, **asked):
+        self.asked = asked
+        if self.error:
+            raise self.error
+        return Path("runs") / asked["name"]
+
+
+def test_train_hands_over_to_the_agents_trainer(monkeypatch, capsys):
+    trainers = Trainers()
+    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
+    options = ["--minutes", "1.5", "--seed", "7", "--no-social", "--set", "training.batch=8"]
+    assert main(["train", "fake", "--name", "mine", *options]) == 0
+    assert trainers.asked == {
+        "name": "mine",
+        "minutes": 1.5,
+        "steps": None,
+        "resume": False,
+        "seed": 7,
+        "social": False,
+        "overrides": {"training.batch": 8},
+    }
+    assert main(["train", "fake", "--resume", "--steps", "100"]) == 0
+    own = {"social", "device", "actors"}
+    assert own.isdisjoint(trainers.asked), "the trainer's own defaults"
+    assert (trainers.asked["resume"], trainers.asked["steps"]) == (True, 100)
+    assert "runs/fake" in capsys.readouterr().out
+
+
+def test_device_and_actors_are_asked_of_trainers_that_know_them(monkeypatch, capsys):
+    trainers = Trainers()
+    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
+    options = ["--device", "cpu", "--actors", "3"]
+    assert main(["train", "fake", *options]) == 0
+    assert (trainers.asked["device"], trainers.asked["actors"]) == ("cpu", 3)
+    capsys.readouterr()
+    monkeypatch.setattr(trainers, "train", lambda name, minutes, steps, resume, seed: None)
+    assert main(["train", "fake", *options]) == 2
+    assert capsys.readouterr().err == "fake: --device is nothing that its trainer takes\n"
+
+
+def test_what_a_trainer_says_is_for_the_user_and_bugs_are_not_hidden(monkeypatch, capsys):
+    class DivergedError(RuntimeError):
+        __module__ = "tests.fake.learner"
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", Trainers(DivergedError("loss is nan")))
+    assert main(["train", "fake"]) == 2
+    assert capsys.readouterr().err == "fake: loss is nan\n"
+    monkeypatch.setattr(importlib.metadata, "entry_points", Trainers(ZeroDivisionError("bug")))
+    with pytest.raises(ZeroDivisionError):
+        main(["train", "fake"])
+
+
+@pytest.mark.parametrize("name", ["../x", "/tmp/x", "", "x" * 5000, ".."])
+def test_a_run_of_training_stays_in_its_folder(tmp_path, monkeypatch, capsys, name):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert main(["train", "sac", "--name", name, "--steps", "1"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "expected 1 to 100 letters, digits and _.-" in lines[0]
+    assert [path.name for path in tmp_path.rglob("*")] == ["here"]
