@@ -26,6 +26,7 @@ PAGES = [
     "docs/add_a_drive.md",
     "docs/several_robots.md",
     "docs/pedestrians_as_agents.md",
+    "docs/people.md",
     "docs/reproduce_the_tables.md",
     "docs/write_a_study.md",
     "docs/clusters.md",

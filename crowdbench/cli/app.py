@@ -21,6 +21,7 @@ from crowdbench.cli.compare import compare
 from crowdbench.cli.export_minari import export_minari
 from crowdbench.cli.export_onnx import export_onnx
 from crowdbench.cli.merge import merge
+from crowdbench.cli.people import people
 from crowdbench.cli.play import play
 from crowdbench.cli.publish import publish
 from crowdbench.cli.recompute import recompute
@@ -47,7 +48,7 @@ app = typer.Typer(
 )
 for command in (
     run, compare, agents, scenarios, show, record, play, train, tables, report, replay, recompute,
-    export, export_minari, export_onnx, merge, publish,
+    export, export_minari, export_onnx, merge, publish, people,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_results)
