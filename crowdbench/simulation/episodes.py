@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
@@ -190,15 +191,23 @@ def read_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int 
     """The seed of each of ``count`` lanes.
 
     Raises:
-        ValueError: a list of another length.
+        ValueError: neither a seed nor one for each lane, or a seed out of range.
     """
     if seed is None:
         return [None] * count
     if isinstance(seed, (int, np.integer)):
-        return [int(seed) + lane for lane in range(count)]
+        seed = [int(seed) + lane for lane in range(count)]
+    elif not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
+        raise ValueError(f"seed: {short(seed)}; allowed: a whole number, or one per lane")
     if len(seed) != count:
         raise ValueError(f"seed: {len(seed)} seeds for {count} lanes")
-    return [None if one is None else int(one) for one in seed]
+    for lane, own in enumerate(seed):
+        whole = isinstance(own, (int, np.integer)) and not isinstance(own, bool)
+        if own is not None and not (whole and 0 <= own < 2**63):
+            raise ValueError(
+                f"seed of lane {lane}: {short(own)}; allowed: whole numbers from 0 to 2^63 - 1"
+            )
+    return [None if own is None else int(own) for own in seed]
 
 
 def load_all(

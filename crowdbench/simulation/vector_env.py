@@ -13,9 +13,12 @@ Arrays that ``reset`` and ``step`` return are the caller's own; nothing writes t
 Scenarios and seeds
 -------------------
 Where ``scenario`` is a list, each episode's scenario is drawn by ``weights``, which can be changed
-while it runs. All of them need the same robots and LiDAR. ``reset(seed=s)`` begins lane i with the
-episode seed s + i, ``reset(seed=[...])`` with one of a list. The seeds of a lane's later episodes,
-and its scenarios, are drawn from the lane's first one. ``infos`` name both.
+while it runs. All of them need the same robots and LiDAR; the attribute ``robot`` is the first
+one's, from which ``control_period`` and ``goal_tolerance`` of others may differ.
+
+``reset(seed=s)`` begins lane i with the episode seed s + i, ``reset(seed=[...])`` with one of a
+list. The seeds of a lane's later episodes, and its scenarios, are drawn from the lane's first one.
+``infos`` name both.
 
 The end of an episode
 ---------------------
@@ -53,6 +56,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from crowdbench.agent import RobotSpec
+from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation import observations
 from crowdbench.simulation.episodes import Episodes, Step, load_all, read_seeds
@@ -113,7 +117,13 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
             )
         if weights is not None:
             self.weights = weights
-        self._mode = AutoresetMode(autoreset_mode)
+        try:
+            self._mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
+            raise ValueError(
+                f"autoreset_mode: {short(autoreset_mode)}; allowed: {allowed}"
+            ) from None
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
         self.num_envs = self._episodes.count
         self.scenarios = self._episodes.scenarios

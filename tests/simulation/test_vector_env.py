@@ -188,7 +188,7 @@ def test_lanes_that_are_over_stay_as_they_are_until_reset():
         ({"weights": [-1]}, "weights"),
         ({"weights": [float("nan")]}, "weights"),
         ({"weights": "much"}, "weights"),
-        ({"autoreset_mode": "never"}, "never"),
+        ({"autoreset_mode": "never"}, "autoreset_mode: 'never'; allowed: 'NextStep', 'SameStep'"),
     ],
 )
 def test_what_cannot_be_is_refused_with_the_reason(arguments, told):
@@ -203,7 +203,7 @@ def test_bad_actions_seeds_and_options_are_named_and_change_nothing():
     with pytest.raises(ValueError, match="every lane has to begin first"):
         env.reset(options={"reset_mask": np.array([True, False, False])})
     env.reset(seed=0)
-    before = env.state(1)
+    before, first = env.state(1), env.state(0)
     bad = np.zeros((3, 2))
     bad[1, 0] = np.inf
     with pytest.raises(ValueError, match="action of lane 1: expected finite"):
@@ -214,6 +214,14 @@ def test_bad_actions_seeds_and_options_are_named_and_change_nothing():
         env.step("left")
     with pytest.raises(ValueError, match="2 seeds for 3 lanes"):
         env.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match="seed of lane 1: -1; allowed: whole numbers from 0"):
+        env.reset(seed=[5, -1, 6])
+    with pytest.raises(ValueError, match="seed of lane 2: 9223372036854775808"):
+        env.reset(seed=2**63 - 2)
+    with pytest.raises(ValueError, match=r"seed of lane 1: 0\.5"):
+        env.reset(seed=[5, 0.5, 6])
+    with pytest.raises(ValueError, match=r"seed: 1\.5; allowed: a whole number, or one per lane"):
+        env.reset(seed=1.5)
     with pytest.raises(ValueError, match=r"unknown.*room"):
         env.reset(options={"room": 1})
     with pytest.raises(ValueError, match="reset_mask"):
@@ -221,6 +229,7 @@ def test_bad_actions_seeds_and_options_are_named_and_change_nothing():
     with pytest.raises(ValueError, match="indices from 0 to 0"):
         env.reset(options={"scenario": [0, 1, 0]})
     same(env.state(1), before)
+    same(env.state(0), first)
     env.close()
     with pytest.raises(RuntimeError, match="closed"):
         env.step(np.zeros((3, 2)))
