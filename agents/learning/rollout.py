@@ -13,6 +13,9 @@ from crowdbench_agents.learning.vector_env import VectorEnv
 from numpy.typing import NDArray
 from torch import nn
 
+PLANNED_AT_ONCE = 4
+"""States of the past, since planning for several at once takes less time for each."""
+
 
 class Rollout:
     """Some of a run's environments, stepped together.
@@ -89,9 +92,10 @@ class Rollout:
         settings = self._config.training
         # Of the states that are planned again for all environments together, the share of these.
         self._owed += settings.replanned_states * len(self._lanes) / settings.environments
-        if self._owed < 1:
+        if self._owed < PLANNED_AT_ONCE:
             return
-        count, self._owed = int(self._owed), self._owed % 1
+        count = int(self._owed)
+        self._owed -= count
         with self.watch("acting"):
             which, sensed = self._replay.draw_observations(self._lanes, count, self._rng)
             plans = self.explorer.plan_again(sensed) if len(which) else None

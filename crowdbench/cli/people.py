@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from crowdbench.people import CrowdRecording
 
 _TOLD_JUMPS = 5
+_PARTS = 10
+"""Of the table, of a second or more each."""
 
 
 def people(
@@ -83,8 +86,11 @@ def _print(console: Console, recording: CrowdRecording) -> None:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for heading in ("time \\[s]", "people", "density \\[1/m²]", "speed \\[m/s]", "10 to 90 %"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for span in (*over_time(recording), whole(recording)):
-        slow, middle, fast = (f"{speed:.2f}" for speed in span.speeds)
+    count = min(_PARTS, int(recording.duration))
+    parts = over_time(recording, count) if count > 1 else []
+    for span in (*parts, whole(recording)):
+        speeds = [f"{speed:.2f}" for speed in span.speeds if math.isfinite(speed)]
+        slow, middle, fast = speeds or "---"
         table.add_row(
             f"{span.begin:.1f} to {span.end:.1f}",
             f"{span.people:.1f}",

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from crowdbench.people.cleaning import UNITS, Rows
 from crowdbench.people.errors import RecordingError
@@ -20,6 +21,9 @@ from crowdbench.people.table import require_numbers, require_whole_end, whole
 
 PETRACK = {"id": 0, "frame": 1, "x": 2, "y": 3}
 """Where the columns of that text are; height or more may follow."""
+
+_LONGEST = 200
+"""Of what pedpy says of a file [characters]."""
 
 
 def read_petrack(path: Path, given: Stated) -> Rows:
@@ -32,18 +36,20 @@ def read_petrack(path: Path, given: Stated) -> Rows:
     require_whole_end(path)
     unit, fps = settle(path, _petrack_header(path), given)
     assert unit is not None and fps is not None
-    inch = pedpy.TrajectoryUnit.CENTIMETER if unit == "cm" else pedpy.TrajectoryUnit.METER
+    known = pedpy.TrajectoryUnit.CENTIMETER if unit == "cm" else pedpy.TrajectoryUnit.METER
     try:
         data = pedpy.load_trajectory(
-            trajectory_file=path, default_frame_rate=fps, default_unit=inch
+            trajectory_file=path, default_frame_rate=fps, default_unit=known
         )
     except (ValueError, TypeError) as error:
         require_numbers(path, PETRACK, None)
         raise RecordingError(f"{path}: {error}") from error
-    if data.data[["x", "y"]].isna().to_numpy().any():
+    table = data.data[["id", "frame", "x", "y"]]
+    if table[["x", "y"]].isna().to_numpy().any():
         require_numbers(path, PETRACK, None)
-    left = UNITS["mm"] if unit == "mm" else 1.0  # which pedpy does not know
-    return _rows(path, f"PeTrack text in {unit}", data, (), unit, left)
+    if unit == "mm":  # which pedpy does not know
+        table = table.assign(x=table["x"] / UNITS["mm"], y=table["y"] / UNITS["mm"])
+    return _rows(path, f"PeTrack text in {unit}", table, float(data.frame_rate), (), unit)
 
 
 def _petrack_header(path: Path) -> Stated:
@@ -56,8 +62,6 @@ def _petrack_header(path: Path) -> Stated:
             fps = float(rate[1]) if rate and fps is None else fps
             named = re.search(r"(?:\bx/|\bin )(mm|cm|m)\b", line.lower())
             unit = named[1] if named else unit
-    if fps == 0:
-        raise RecordingError(f"{path}: its frame rate is 0")
     return Stated(unit, fps)
 
 
@@ -117,27 +121,32 @@ def _binary(
 
     try:
         data = load(trajectory_file=path)
-        area = walls()
-    except (PedPyError, OSError, ValueError, TypeError, AttributeError) as error:
-        raise RecordingError(f"{path}: {kind}: {error}") from error
-    fps = float(data.frame_rate)
-    if not (np.isfinite(fps) and fps > 0):
-        raise RecordingError(f"{path}: its frame rate is {fps:g}")
+        area, fps = walls(), float(data.frame_rate)
+        table = data.data[["id", "frame", "x", "y"]].astype("float64")
+    except (PedPyError, OSError, LookupError, ValueError, TypeError, AttributeError) as error:
+        told = " ".join(str(error).split())
+        told = told if len(told) <= _LONGEST else f"{told[: _LONGEST - 3]}..."
+        raise RecordingError(f"{path}: {kind} that pedpy cannot read: {told}") from error
     settle(path, Stated("m", fps), given)
     lines = () if area is None else _lines(area.polygon)
-    return _rows(path, kind, data, lines, "m", 1.0)
+    return _rows(path, kind, table, fps, lines)
 
 
 def _rows(
-    path: Path, kind: str, data: Any, walls: tuple[FloatArray, ...], unit: str, scale: float
+    path: Path,
+    kind: str,
+    table: pd.DataFrame,
+    fps: float,
+    walls: tuple[FloatArray, ...] = (),
+    unit: str = "m",
 ) -> Rows:
-    table, fps = data.data, float(data.frame_rate)
+    """Rows of a table with the columns id, frame, and x and y in metres."""
     frames = whole(path, table["frame"], "frame")
     return Rows(
         f"{kind}, {fps:g} frames a second",
         whole(path, table["id"], "id"),
         frames / fps,
-        table[["x", "y"]].to_numpy(dtype=np.float64) / scale,
+        table[["x", "y"]].to_numpy(),
         frames,
         walls,
         unit,

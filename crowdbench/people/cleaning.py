@@ -14,6 +14,10 @@ LONGEST_GAP = 0.5
 """For which a person may be missing and still has a single track [s]."""
 _TOO_FAST = 10.0
 """No nine of ten speeds are above that of a sprinter [m/s]."""
+_FARTHEST = 1e8
+"""More than any coordinate on the Earth, in whatever system [m]."""
+_LONGEST = 1e6
+"""Of a recording [s]: eleven days."""
 _TOO_SLOW, _TOO_NARROW = 0.03, 1.0
 """Several people who hardly move [m/s] within a metre [m] are no crowd."""
 UNITS = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
@@ -107,9 +111,10 @@ def _sorted(path: Path, rows: Rows) -> tuple[IntArray, FloatArray, FloatArray, I
         place = f"{times[row]:g} s" if frames is None else f"frame {frames[row]}"
         return RecordingError(f"{path}: {place}, person {ids[row]}: {problem}")
 
-    finite = np.isfinite(positions).all(axis=1) & np.isfinite(times)
-    if not finite.all():
-        raise refuse(int(np.argmin(finite)), "time, x and y have to be finite numbers")
+    sound = (np.abs(positions) < _FARTHEST).all(axis=1) & np.isfinite(times)
+    if not sound.all():
+        told = f"time, x and y have to be finite, and x and y below {_FARTHEST:g} m"
+        raise refuse(int(np.argmin(sound)), told)
     if times.min() < 0:
         raise refuse(int(np.argmin(times)), "frames and times are 0 or later")
     if not _in_order(ids, times):
@@ -128,11 +133,16 @@ def _in_order(ids: IntArray, times: FloatArray) -> bool:
 
 
 def _require_plausible(path: Path, recording: CrowdRecording, unit: str) -> None:
-    """Refuse what must be in another unit, and say in which.
+    """Refuse what must be in another unit, and say in which, and times far from all others.
 
     Raises:
-        RecordingError: people are too fast, or too close and slow.
+        RecordingError: people are too fast, or too close and slow, or the recording is too long.
     """
+    if recording.duration > _LONGEST:
+        raise RecordingError(
+            f"{path}: its last position is {recording.duration:.3g} s after the first, and at most "
+            f"{_LONGEST:.3g} s are allowed"
+        )
     typical = float(np.percentile(recording.speeds, 90))
     low, high = recording.extent
     crowded = len(recording.people) > 1 and float(np.linalg.norm(high - low)) < _TOO_NARROW

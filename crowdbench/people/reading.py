@@ -13,7 +13,8 @@ from crowdbench.people.table import count_numbers, lines
 
 KINDS = (
     "PeTrack text, HDF5 of the Juelich archive, SQLite of JuPedSim, obsmat, TrajNet++ ndjson, "
-    "CSV with the columns id, time or frame, x, y, NPZ of `crowdbench people --save`"
+    "CSV with a first line that names the columns id, time or frame, x, y, "
+    "and NPZ of `crowdbench people --save`"
 )
 _HEAD = 4096
 """Of a file, by which its kind is known [bytes]."""
@@ -39,6 +40,8 @@ def read_recording(
         raise RecordingError(f"unit {unit!r}: has to be one of {', '.join(UNITS)}")
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise RecordingError(f"fps {fps:g}: has to be a number above 0")
+    if path.exists() and not path.is_file():
+        raise RecordingError(f"{path}: not a file")
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,8 +34,10 @@ def settle(path: Path, said: Stated, given: Stated, fps_too: tuple[float, ...] =
         fps_too: other frame rates that the user may say for the file's.
 
     Raises:
-        RecordingError: they disagree, or something is said by nobody.
+        RecordingError: they disagree, something is said by nobody, or the file's rate cannot be.
     """
+    if said.fps is not None and not (math.isfinite(said.fps) and said.fps > 0):
+        raise RecordingError(f"{path}: its frame rate is {said.fps:g}, and has to be above 0")
     if None not in (said.unit, given.unit) and said.unit != given.unit:
         raise RecordingError(
             f"{path}: it has positions in {said.unit}, and {given.unit} is given; correct what is "

@@ -32,7 +32,7 @@ class Span:
     speeds: tuple[float, ...]
 
 
-def over_time(recording: CrowdRecording, count: int = 10) -> list[Span]:
+def over_time(recording: CrowdRecording, count: int) -> list[Span]:
     """A recording in parts of the same length.
 
     The area is that of the whole recording, so that densities can be compared.

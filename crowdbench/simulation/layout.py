@@ -89,11 +89,9 @@ def _attempt(scenario: Scenario, rng: np.random.Generator, effort: int) -> Layou
     fixed = len(taken)
     taken = np.vstack([taken, np.full((people.count, 3), people.radius)])
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
-    for p in range(people.count):
-        spot = _fit(rng, half, taken[: fixed + p], people.radius)
-        if spot is None:
-            raise _CrowdedError(f"pedestrian {p + 1} of {people.count} found no place")
-        taken[fixed + p, :2] = spot
+    placed = _place_discs(rng, half, taken, fixed)
+    if placed < people.count:
+        raise _CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
     position = taken[fixed:, :2].copy()
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
@@ -204,32 +202,53 @@ def _fit(
     rng: np.random.Generator, half: NDArray[np.float64], taken: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64] | None:
     """A centre within +/- half (2,) [m] for a disc that overlaps none of ``taken`` (N, 3)."""
-    if (half < 0).any():
-        return None
-    spot = np.empty(2)
-    for _ in range(_BATCHES):
-        if _first_free(rng.random(2 * _BATCH), half, taken, radius, spot):
-            return spot
-    return None
+    disc = np.array([[0.0, 0.0, radius]])
+    found = _place_discs(rng, half, discs := np.vstack([taken, disc]), len(taken))
+    return discs[-1, :2] if found else None
+
+
+def _place_discs(
+    rng: np.random.Generator, half: NDArray[np.float64], discs: NDArray[np.float64], fixed: int
+) -> int:
+    """Place all but the first ``fixed`` of ``discs`` (N, 3), one after another, without overlap.
+
+    Each takes the first free place of a batch drawn within +/- half (2,) [m], or of up to as many
+    batches as are tried. No batch is drawn that one disc at a time would not have drawn.
+
+    Returns:
+        How many have their place; x and y are written.
+    """
+    placed, failures, count = 0, 0, len(discs) - fixed
+    while placed < count and failures < _BATCHES and not (half < 0).any():
+        batches = min(count - placed, _BATCHES - failures)
+        draws = rng.random((batches, 2 * _BATCH))
+        placed, failures = _fill(draws, half, discs, fixed, placed, failures)
+    return placed
 
 
 @compiled()
-def _first_free(
+def _fill(
     draws: NDArray[np.float64],
     half: NDArray[np.float64],
-    taken: NDArray[np.float64],
-    radius: float,
-    spot: NDArray[np.float64],
-) -> bool:
-    """Write the first of the drawn places, two draws in [0, 1) each, that is free."""
-    for k in range(len(draws) // 2):
-        x = 2.0 * half[0] * draws[2 * k] - half[0]
-        y = 2.0 * half[1] * draws[2 * k + 1] - half[1]
-        free = True
-        for i in range(len(taken)):
-            dx, dy = x - taken[i, 0], y - taken[i, 1]
-            free = free and math.sqrt(dx * dx + dy * dy) > taken[i, 2] + radius
-        if free:
-            spot[0], spot[1] = x, y
-            return True
-    return False
+    discs: NDArray[np.float64],
+    fixed: int,
+    placed: int,
+    failures: int,
+) -> tuple[int, int]:
+    """Place discs by batches of draws in [0, 1); returns ``placed`` and ``failures`` after them."""
+    for batch in range(len(draws)):
+        last = fixed + placed
+        failures += 1
+        for k in range(draws.shape[1] // 2):
+            x = 2.0 * half[0] * draws[batch, 2 * k] - half[0]
+            y = 2.0 * half[1] * draws[batch, 2 * k + 1] - half[1]
+            free = True
+            for i in range(last):
+                dx, dy = x - discs[i, 0], y - discs[i, 1]
+                free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
+            if free:
+                discs[last, 0], discs[last, 1] = x, y
+                placed += 1
+                failures = 0
+                break
+    return placed, failures

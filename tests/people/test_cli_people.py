@@ -69,6 +69,15 @@ def test_gaps_are_told(people, write):
     assert "gaps: 2 positions filled in; tracks begun anew after a longer gap: 1" in said
 
 
+def test_parts_of_the_table_last_a_second_or_more(people, write):
+    rows = [f"1,{f},{0.1 * f:.1f},0\n" for f in [*range(11), *range(30, 36)]]
+    path = write("id,frame,x,y\n" + "".join(rows))
+    _, said, _ = people(path, "--unit", "m", "--fps", 10)
+    parts = re.findall(r"^ *(\d\.\d to \d\.\d) +\S+ +\S+ +(\S+)", said, re.MULTILINE)
+    assert [part for part, _ in parts] == ["0.0 to 1.2", "1.2 to 2.3", "2.3 to 3.5", "0.0 to 3.5"]
+    assert [speed for _, speed in parts] == ["1.00", "-", "1.00", "1.00"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

@@ -41,7 +41,9 @@ def refused(path, **given):
         (PETRACK + WALK + "1 9.5 0 2.0 1.7\n", ": line 12: frame '9.5' is no whole number"),
         (PETRACK + WALK + "1 3 0.1 2.0 1.7\n", ": frame 3, person 1: is there twice"),
         (PETRACK + "1 -1 0 2 1.7\n" + WALK, ": frame -1, person 1: frames and times are 0"),
-        (PETRACK.replace("25", "0") + WALK, ": its frame rate is 0"),
+        (PETRACK.replace("25", "0") + WALK, ": its frame rate is 0, and has to be above 0"),
+        (PETRACK + WALK + "2 7 1e9 2 1.7\n", ": frame 7, person 2: time, x and y have to"),
+        (PETRACK + WALK + "2 26000000 0 2 0\n2 26000001 0 2 0\n", ": its last position is 1.04"),
         (HEADER, ": there are no positions in it"),
         (HEADER + "1,0,2,3\n1,0.1,2\n", ": line 3: y is missing, in '1,0.1,2'"),
         (HEADER + "1,0,2,3\n1,0.1,,3\n", ": line 3: x is missing, in '1,0.1,,3'"),
@@ -58,6 +60,7 @@ def refused(path, **given):
         ('{"tracks": []}\n', ": line 1: expected a track"),
         ('{"scene": {"id": 0, "fps": 2.5}}\n', ": there are no positions in it"),
         ('{"scene": {"fps": 2.5}}\n{"scene": {"fps": 25}}\n', ": its scenes have different frame"),
+        ('{"scene": {"fps": -1}}\n', ": its frame rate is -1, and has to be above 0"),
     ],
 )  # fmt: skip
 def test_text_that_is_no_recording_is_refused(write, text, told):
@@ -140,6 +143,34 @@ def test_hdf5_and_sqlite_of_others_are_refused(write, tmp_path):
     assert "not contain a 'trajectory_data' table" in refused(tmp_path / "other.sqlite")
 
 
+def test_hdf5_with_a_room_that_is_none_is_refused_in_a_line(write):
+    h5py = pytest.importorskip("h5py")
+    path = hdf5(write)
+    with h5py.File(path, "r+") as file:
+        file.attrs["wkt_geometry"] = f"POLYGON (({', '.join(['0 0'] * 200)}"
+    told = refused(path)
+    assert told.startswith(": HDF5 of the Juelich archive that pedpy cannot read: Could not create")
+    assert len(told) < 300
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("UPDATE trajectory_data SET pos_x = NULL WHERE frame = 9", ": frame 9, person 3: time, x"),
+        ("UPDATE trajectory_data SET frame = NULL WHERE frame = 9", ": frame nan is no whole"),
+        ("UPDATE metadata SET value = 'x' WHERE key = 'fps'", ": SQLite of JuPedSim that pedpy"),
+        ("UPDATE metadata SET value = 0 WHERE key = 'fps'", ": its frame rate is 0, and has to be"),
+        ("DELETE FROM geometry", ": SQLite of JuPedSim that pedpy cannot read"),
+    ],
+)
+def test_databases_with_what_cannot_be_are_refused(write, change, told):
+    path = jupedsim(write)
+    with sqlite3.connect(path) as database:
+        database.execute(change)
+    database.close()
+    assert refused(path).startswith(told)
+
+
 @pytest.mark.parametrize("make", [petrack, hdf5, jupedsim])
 def test_without_pedpy_it_says_what_to_install(write, monkeypatch, make):
     path = make(write)
@@ -149,7 +180,7 @@ def test_without_pedpy_it_says_what_to_install(write, monkeypatch, make):
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
     assert "No such file" in refused(tmp_path / "nowhere.txt")
-    assert "cannot be read" in refused(tmp_path)
+    assert refused(tmp_path) == ": not a file"
 
 
 def test_a_table_of_many_lines_names_the_first_that_is_wrong(write):

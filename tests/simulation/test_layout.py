@@ -12,7 +12,7 @@ from shapely.geometry import LineString, Point, box
 from crowdbench import Scenario, ScenarioError
 from crowdbench.scenario import NoRoomError
 from crowdbench.scenario.room import PASSAGE
-from crowdbench.simulation.layout import OBSTACLE_CLEARANCE, place
+from crowdbench.simulation.layout import OBSTACLE_CLEARANCE, _place_discs, place
 
 CORRIDOR = Scenario(
     name="corridor",
@@ -169,3 +169,28 @@ def test_a_seed_without_room_says_which_one_it_is_even_from_another_process():
         place(crowded, 7)
     again = pickle.loads(pickle.dumps(caught.value))
     assert (again.seed, str(again)) == (7, str(caught.value))
+
+
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 30), side=st.floats(0.1, 3.0))
+@settings(deadline=None, max_examples=40)
+def test_discs_are_placed_one_after_another_from_batches_of_places(seed, count, side):
+    """Against the plain loop, with as many draws, also where there is no room for all."""
+    ours, theirs = np.random.default_rng(seed), np.random.default_rng(seed)
+    half = np.array([side, 1.5])
+    discs = np.vstack([[[0.0, 0.0, 0.4]], np.full((count, 3), 0.25)])
+    placed = _place_discs(ours, half, discs, 1)
+    expected = [[0.0, 0.0, 0.4]]
+    while len(expected) <= count:
+        for _ in range(20):
+            spots = theirs.uniform(-half, half, size=(64, 2))
+            known = np.array(expected)
+            gaps = np.linalg.norm(spots[:, None] - known[None, :, :2], axis=2)
+            free = (gaps > known[:, 2] + 0.25).all(axis=1)
+            if free.any():
+                expected.append([*spots[np.argmax(free)], 0.25])
+                break
+        else:
+            break
+    assert placed == len(expected) - 1
+    np.testing.assert_array_equal(discs[: placed + 1], expected)
+    assert ours.random() == theirs.random()

@@ -9,6 +9,8 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import Point, box
 
 from crowdbench import Scenario
+from crowdbench.simulation import streams
+from crowdbench.simulation.lanes import LEGS_AHEAD
 from crowdbench.simulation.pedestrians import ARRIVAL, DIVERT, KEEP, RETURN
 from crowdbench.simulation.world import World
 
@@ -129,6 +131,24 @@ def test_adding_a_pedestrian_leaves_the_others_draws_alone():
     fewer = World(CROWD, 4).pedestrians.speed
     more = World(CROWD.override({"pedestrians.count": 9}), 4).pedestrians.speed
     np.testing.assert_array_equal(fewer, more[:8])
+
+
+def test_every_leg_takes_its_goal_from_the_next_draws_of_its_pedestrian():
+    """Also beyond those that are drawn ahead: against the stream itself."""
+    scenario = Scenario(
+        name="alone", arena={"length": 6, "width": 6}, robots={"travel": 4, "speed": [0, 0]},
+        pedestrians={"count": 1, "speed": [2, 2], "leg": 1, "model": "straight"},
+    )  # fmt: skip
+    world, stream = World(scenario, 5), streams.pedestrian(5, 0)
+    stream.random()  # its speed
+    legs, goal = 0, np.zeros(2)
+    for _ in range(200):
+        if (world.pedestrians.goal[0] != goal).any():
+            legs, goal = legs + 1, world.pedestrians.goal[0].copy()
+            places = (2 * stream.random(67)[:32].reshape(16, 2) - 1) * 2.75
+            assert (places == goal).all(axis=1).any()
+        world.step(np.zeros((1, 2)))
+    assert legs > 3 * LEGS_AHEAD
 
 
 def test_unimodal_legs_are_kept_until_arrival():
