@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import time
@@ -63,14 +64,15 @@ def work(job: Job, ledger: Ledger, weights: SharedWeights, told: Connection) -> 
         told: where an error is told, in a line.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the learner, which ends this
-    learner = os.getppid()
+    learner = multiprocessing.parent_process()  # getppid() is another one where it has died by now
+    assert learner is not None
     try:
         torch.set_num_threads(1)
         keep_freed_memory()
         rollout, sampler, network = _prepare(job, ledger)
         weights.fetch(network)
         rollout.begin()
-        while not ledger.stop[0] and os.getppid() == learner:
+        while not ledger.stop[0] and os.getppid() == learner.pid:
             ledger.heartbeat[job.number] = time.monotonic()
             if not _may_step(job, ledger):
                 with rollout.watch("waiting"):

@@ -47,15 +47,24 @@ def open_replay(folder: Path, config: Config, robot: crowdbench.RobotSpec, socia
 
 
 def open_demonstrations(
-    folder: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
+    folder: Path,
+    config: Config,
+    robot: crowdbench.RobotSpec,
+    social: bool,
+    progress: Callable[[int], None],
 ) -> Replay | None:
-    """The demonstrations for a run in ``folder``, where it has some; arguments as above."""
+    """The demonstrations for a run in ``folder``, where it has some.
+
+    Args:
+        folder, config, robot, social: as above.
+        progress: called with the number of transitions there are, while some are missing.
+    """
     settings = config.training
     if not settings.demonstrations:
         return None
     return load_demonstrations(
         folder.parent, settings.expert, settings.demonstrations, config.perception.geometry, social,
-        Detour(settings.detour_price, robot.control_period),
+        Detour(settings.detour_price, robot.control_period), progress,
     )  # fmt: skip
 
 
@@ -66,7 +75,7 @@ def load_demonstrations(
     geometry: MapGeometry,
     social: bool,
     detour: Detour,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None],
 ) -> Replay:
     """Open the demonstrations, recording what is missing of them.
 
@@ -77,7 +86,7 @@ def load_demonstrations(
         transitions: how many.
         geometry: of the obstacle maps.
         social, detour: what the sampled rewards are made of, as in ``Replay``.
-        progress: called with the number of transitions there are.
+        progress: called with the number of transitions there are, while some are missing.
     """
     # An episode that has begun is driven to its end, which takes some more rows.
     digest = joint_digest(scenario_digests(TRAINING_SCENARIOS))
@@ -112,6 +121,7 @@ def _record(
         noisy[which] = False
 
     begin(everywhere)
+    progress(begun)
     while len(replay) < transitions:
         reference = experts.labels()
         added = noise.step()

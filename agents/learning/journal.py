@@ -71,6 +71,7 @@ class Journal:
             TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f}%"),
             TimeElapsedColumn(), TextColumn("{task.fields[note]}"), refresh_per_second=1,
         )  # fmt: skip
+        self._recording = False
         self._task = self._progress.add_task(name, total=total, note="")
 
     def __enter__(self) -> Journal:
@@ -93,6 +94,13 @@ class Journal:
     def say(self, text: str) -> None:
         """Print a line above the bar."""
         self._progress.console.print(text, highlight=False)
+
+    def recorded(self, there: int, wanted: int) -> None:
+        """Tell how many expert demonstrations there are; the first time also in a line."""
+        if not self._recording:
+            self.say(f"recording {wanted} expert demonstrations, once for all runs")
+            self._recording = True
+        self.advance(0, f"{there}/{wanted} expert demonstrations")
 
     def scalars(self, values: Mapping[str, float], step: int) -> None:
         """Log numbers to TensorBoard at an environment step."""

@@ -44,6 +44,7 @@ class TrainingRun:
         social: whether the reward includes the social term.
         device: where networks are trained.
         actors: processes that act; with 0 this one does, in turn with learning.
+        recorded: called with the number of demonstrations there are, while they are recorded.
 
     Attributes:
         needed: rows in the replay before the next update.
@@ -58,6 +59,7 @@ class TrainingRun:
         social: bool,
         device: torch.device,
         actors: int,
+        recorded: Callable[[int], None],
     ) -> None:
         settings = config.training
         self.form, self.folder, self.config = kind.form, folder, config
@@ -68,7 +70,7 @@ class TrainingRun:
             crowdbench.load_scenario(next(iter(self.sampler.success)))
         )
         self.replay = open_replay(folder, config, robot, social)
-        self.demonstrations = open_demonstrations(folder, config, robot, social)
+        self.demonstrations = open_demonstrations(folder, config, robot, social, recorded)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),

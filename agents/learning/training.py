@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -78,13 +79,18 @@ def train(
         with run_folder(folder, resume):
             keep_freed_memory()
             torch.set_num_threads(learner_threads(count, where))
-            run = TrainingRun(kind, folder, config, seed, social, where, count)
-            if resume:
-                run.restore()
-            else:
+            if not resume:
                 curve.unlink(missing_ok=True)
             total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-            with stop_on_signals() as stopping, Journal(name, folder, curve, total) as journal:
+            with Journal(name, folder, curve, total) as journal, ExitStack() as stack:
+                wanted = config.training.demonstrations
+                run = TrainingRun(
+                    kind, folder, config, seed, social, where, count,
+                    lambda there: journal.recorded(there, wanted),
+                )  # fmt: skip
+                if resume:
+                    run.restore()
+                stopping = stack.enter_context(stop_on_signals())
                 arithmetic = run.facts["arithmetic"]
                 journal.say(
                     f"{where.type}, {describe_actors(count)}, networks learn in {arithmetic}"

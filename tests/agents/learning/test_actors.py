@@ -1,15 +1,19 @@
 """Actors in processes of their own: their pace, what they act by, and what their death does."""
 
+import multiprocessing
 import os
 import signal
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from crowdbench_agents.learning import actors
+from crowdbench_agents.learning.actor import Job, work
 from crowdbench_agents.learning.actors import AHEAD, Actors
 from crowdbench_agents.learning.demonstrations import open_replay
 from crowdbench_agents.learning.errors import TrainingError
@@ -110,3 +114,20 @@ def test_an_actor_that_hangs_is_ended(tmp_path, monkeypatch):
         pytest.raises(TrainingError, match="actor 0 gave no sign of life for 0 s"),
     ):
         made.step()
+
+
+def test_an_actor_ends_whose_learner_died_while_it_was_started(tmp_path, monkeypatch):
+    """Its parent is another process from its first line on."""
+    network = Number()
+    made = Actors(KIND, network, SMALL, tmp_path, ScenarioSampler(0, SCENARIOS), 0, 1)
+    made._weights.publish(network)
+    monkeypatch.setattr(signal, "signal", lambda number, handler: None)
+    monkeypatch.setattr(multiprocessing, "parent_process", lambda: SimpleNamespace(pid=-1))
+    stop = threading.Timer(5.0, lambda: made._ledger.stop.fill(1))
+    stop.start()
+    try:
+        work(Job(KIND, SMALL, tmp_path, 0, np.arange(ENVIRONMENTS), 0, 0, 0, 1),
+             made._ledger, made._weights, None)  # fmt: skip
+        assert not made._ledger.stop[0], "it ended by itself"
+    finally:
+        stop.cancel()

@@ -18,3 +18,11 @@ def test_a_learning_curve_keeps_the_columns_it_began_with(tmp_path):
         curve.write_text("steps,success,unimodal_slow\n16,0.25,0.25\n")
         journal.validated(result, counts, {})
     assert curve.read_text() == "steps,success,unimodal_slow\n16,0.25,0.25\n32,0.5,0.5\n"
+
+
+def test_recording_demonstrations_is_told_in_one_line_also_without_a_terminal(tmp_path, capsys):
+    with Journal("run", tmp_path, tmp_path / "curve.csv", 100) as journal:
+        journal.recorded(0, 80_000)
+        journal.recorded(8, 80_000)
+        told = capsys.readouterr().out
+    assert told.count("recording 80000 expert demonstrations") == 1

@@ -16,7 +16,7 @@ from crowdbench_agents.sac.training import KIND, train
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0, [].append)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
@@ -46,7 +46,7 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), actors=0)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0, [].append)
     run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
