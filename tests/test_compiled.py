@@ -1,11 +1,16 @@
 """Compiled functions: where their machine code is kept, and when it is used again."""
 
+import gc
 import json
 import os
 import subprocess
 import sys
 
+import numba
 import pytest
+from numba.core import event
+
+import crowdbench.compiled  # noqa: F401 - stops the collector while numba compiles
 
 INNER = """
 from crowdbench.compiled import compiled
@@ -96,3 +101,39 @@ def test_a_temporary_folder_that_others_may_write_to_is_not_trusted(package, tmp
     open_to_all.mkdir()
     open_to_all.chmod(0o777)
     assert ask(package, **shut)[2] != str(open_to_all)
+
+
+class Collector(event.Listener):
+    """Whether garbage is collected when a compilation begins."""
+
+    def __init__(self):
+        self.enabled = []
+
+    def on_start(self, event):
+        self.enabled.append(gc.isenabled())
+
+    def on_end(self, event):
+        pass
+
+
+def test_garbage_is_collected_again_after_a_compilation():
+    inner = numba.njit(lambda x: x + 1)
+    with event.install_listener("numba:compile", Collector()) as collector:
+        assert numba.njit(lambda x: inner(x))(1) == 2
+    assert collector.enabled == [False, False]
+    assert gc.isenabled()
+
+
+def test_garbage_is_collected_again_after_a_failed_compilation():
+    with pytest.raises(numba.TypingError):
+        numba.njit(lambda x: x.nothing)(1)
+    assert gc.isenabled()
+
+
+def test_a_collector_that_was_off_stays_off():
+    gc.disable()
+    try:
+        numba.njit(lambda x: x + 1)(1)
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

@@ -84,7 +84,7 @@ def read_hdf5(path: Path, given: Stated) -> Rows:
         )
 
     load = pedpy.load_trajectory_from_ped_data_archive_hdf5
-    return _binary(path, pedpy, "HDF5 of the Juelich archive", load, walls, given)
+    return _binary(path, "HDF5 of the Juelich archive", load, walls, given)
 
 
 def read_jupedsim(path: Path, given: Stated) -> Rows:
@@ -106,12 +106,11 @@ def read_jupedsim(path: Path, given: Stated) -> Rows:
     if state != "ok":
         raise RecordingError(f"{path}: the database is damaged ({' '.join(state.split())})")
     load = pedpy.load_trajectory_from_jupedsim_sqlite
-    return _binary(path, pedpy, "SQLite of JuPedSim", load, walls, given)
+    return _binary(path, "SQLite of JuPedSim", load, walls, given)
 
 
 def _binary(
     path: Path,
-    pedpy: ModuleType,
     kind: str,
     load: Callable[..., Any],
     walls: Callable[[], Any],

@@ -16,6 +16,8 @@ _TOO_FAST = 10.0
 """No nine of ten speeds are above that of a sprinter [m/s]."""
 _FARTHEST = 1e8
 """More than any coordinate on the Earth, in whatever system [m]."""
+_PERIODS = (0.001, 10.0)
+"""In which positions can follow one another [s]: times in milliseconds are no seconds."""
 _LONGEST = 1e6
 """Of a recording [s]: eleven days."""
 _TOO_SLOW, _TOO_NARROW = 0.03, 1.0
@@ -59,13 +61,18 @@ def clean(path: Path, rows: Rows) -> CrowdRecording:
 
     Raises:
         RecordingError: a position or time cannot be, an id is there twice at a time, nobody is
-            seen twice, or the unit must be another.
+            seen twice, or unit, times or frame rate must be others.
     """
     ids, times, positions, frames = _sorted(path, rows)
     same, interval = ids[1:] == ids[:-1], np.diff(times)
     if not same.any():
         raise RecordingError(f"{path}: nobody is seen twice, so there is nothing to be replayed")
     period = float(f"{np.median(interval[same]):.9g}")  # without what rounding has added
+    if not _PERIODS[0] <= period <= _PERIODS[1]:
+        raise RecordingError(
+            f"{path}: it has a position every {period:.3g} s, and has to have one every "
+            f"{_PERIODS[0]:g} to {_PERIODS[1]:g} s; are times or frame rate wrong?"
+        )
     if frames is None:
         frames = np.rint((times - times.min()) / period).astype(np.int64)
     missing = np.where(same, interval - period, 0.0)

@@ -114,7 +114,6 @@ def _place_robots(
     gap = 2 * robot_radius(robots) + robots.goal_tolerance
     poses, goals = np.empty((robots.count, 3)), np.empty((robots.count, 2))
     for r in range(robots.count):
-        others = np.vstack([poses[:r, :2], goals[:r]])
         for _ in range(_BATCH if effort == _CENTRED else _BATCHES):
             ends = (
                 _line(scenario, rng)[None]
@@ -123,6 +122,7 @@ def _place_robots(
             )
             nearest = np.full(len(ends), np.inf)
             if r:
+                others = np.vstack([poses[:r, :2], goals[:r]])
                 gaps = np.linalg.norm(ends[:, :, None] - others[None, None], axis=3)
                 nearest = gaps.min(axis=(1, 2))
             free = nearest > gap

@@ -66,6 +66,13 @@ def test_times_that_are_not_even_stay_as_they_are():
     assert recording.at(0.15).positions == pytest.approx(np.array([[3.15, 0.0]]))
 
 
+def test_a_track_with_rare_positions_lasts_where_they_are_a_little_late():
+    times = np.array([0.0, 2.0, 4.8, 6.8, 8.8])
+    rows = Rows("test", np.ones(5, int), times, np.outer(times, [1.0, 0.0]))
+    recording = clean(Path("walk.csv"), rows)
+    assert recording.people.tolist() == [1] and len(recording.times) == 5
+
+
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
@@ -104,6 +111,12 @@ def test_a_frame_rate_that_no_unit_explains_is_asked_about(cleaned):
     rows = [(p, f, 4.5 * f, 3.0 * p) for p in range(3) for f in range(20)]
     with pytest.raises(RecordingError, match="is the frame rate wrong"):
         cleaned(rows)
+
+
+@pytest.mark.parametrize("fps", [0.025, 25_000])
+def test_times_that_are_not_in_seconds_are_asked_about(cleaned, fps):
+    with pytest.raises(RecordingError, match=r"a position every \S+ s, .* are times or frame rate"):
+        cleaned(line(1, range(9)), fps=fps)
 
 
 def test_people_who_stand_are_a_recording(cleaned):

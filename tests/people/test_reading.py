@@ -79,5 +79,21 @@ def test_obsmat_without_velocities_needs_a_frame_rate(write):
     assert read_recording(path, fps=2.5).period == pytest.approx(0.4)
 
 
+def test_velocities_that_contradict_each_other_say_no_frame_rate(write):
+    lines = obsmat_text().splitlines(keepends=True)
+    other = obsmat_text(0.4).splitlines(keepends=True)
+    path = write("".join(pair[n % 2] for n, pair in enumerate(zip(lines, other, strict=True))))
+    with pytest.raises(RecordingError, match="how many frames a second"):
+        read_recording(path)
+
+
+def test_hdf5_may_have_no_walls(write):
+    h5py = pytest.importorskip("h5py")
+    path = hdf5(write)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["wkt_geometry"]
+    assert read_recording(path).walls == ()
+
+
 def test_what_is_given_and_said_alike_is_fine(write):
     assert read_recording(petrack_centimetres(write), unit="cm", fps=25).period == 0.04

@@ -113,6 +113,11 @@ def test_a_file_that_has_been_cut_off_is_refused(write, make):
     refused(write(whole[: len(whole) // 2 - 4], "cut"))
 
 
+def test_a_damaged_database_is_called_so(write):
+    whole = jupedsim(write).read_bytes()
+    assert refused(write(whole[:-4000], "cut")).startswith(": the database is damaged (")
+
+
 def test_a_saved_recording_that_has_been_cut_off_is_refused(write, tmp_path):
     save(read_recording(petrack(write)), tmp_path / "walk.npz")
     whole = (tmp_path / "walk.npz").read_bytes()
