@@ -208,16 +208,19 @@ def run_folder(folder: Path, resume: bool) -> Iterator[None]:
     """Make a run's folder and keep other processes out of it.
 
     Raises:
-        TrainingError: there is a run and ``resume`` is not asked for, or the reverse, or another
-            process is training it.
+        TrainingError: there is a run and ``resume`` is not asked for, or the reverse, another
+            process is training it, or the folder cannot be written to.
     """
     there = (folder / CHECKPOINT).is_file()
     if resume and not there:
         raise TrainingError(f"nothing to resume: {folder / CHECKPOINT} does not exist")
     if not resume and there:
         raise TrainingError(f"{folder} holds a run; resume it, or remove or rename the folder")
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+    except OSError as error:
+        raise TrainingError(f"{folder}: cannot be written to ({error})") from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -89,7 +89,7 @@ class CrowdParallelVectorEnv:
         self._actions, self._observations = observations.agent_spaces(
             scenarios[0], drive, self.possible_agents, [], 0.0
         )
-        self._begun = False
+        self._begun = self._closed = False
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -120,7 +120,9 @@ class CrowdParallelVectorEnv:
         Raises:
             ValueError: another number of seeds.
             ScenarioError: a scenario has no room.
+            RuntimeError: the environment is closed.
         """
+        self._check_open()
         for lane, own in enumerate(read_seeds(seed, self.num_envs)):
             self._episodes.begin(lane, own)
         self._episodes.observe(np.arange(self.num_envs))
@@ -143,8 +145,9 @@ class CrowdParallelVectorEnv:
         Raises:
             ValueError: a missing, wrongly shaped or non-finite action, or an unknown robot; the
                 message names robot and lane.
-            RuntimeError: ``reset`` has not been called.
+            RuntimeError: ``reset`` has not been called, or the environment is closed.
         """
+        self._check_open()
         if not self._begun:
             raise RuntimeError("call reset() before step()")
         resting = self._episodes.over.copy()
@@ -183,6 +186,14 @@ class CrowdParallelVectorEnv:
         if not self._begun:
             raise RuntimeError("call reset() before state()")
         return self._episodes.state(range(self.num_envs)[lane])
+
+    def close(self) -> None:
+        """Let no more episodes begin nor go on; may be called again."""
+        self._closed = True
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("the environment is closed")
 
     def _seen(self) -> ByRobot:
         rows = np.ascontiguousarray(self._episodes.seen.swapaxes(0, 1))

@@ -94,3 +94,14 @@ def test_bad_actions_name_robot_and_lane():
         env.step({})
     with pytest.raises(ValueError, match="unknown agent 'robot_9'"):
         env.step(actions | {"robot_9": bad})
+
+
+def test_nothing_goes_on_once_it_is_closed():
+    env = parallel_vector_env(FLEET, 2)
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    with pytest.raises(RuntimeError, match="the environment is closed"):
+        env.step({name: np.zeros((2, 2)) for name in env.possible_agents})
+    with pytest.raises(RuntimeError, match="the environment is closed"):
+        env.reset(seed=0)

@@ -35,6 +35,13 @@ def test_resuming_nothing_is_refused(tmp_path):
         pass
 
 
+def test_a_folder_that_cannot_be_made_is_told(tmp_path):
+    (tmp_path / "runs").write_text("no folder")
+    refused = pytest.raises(TrainingError, match=r"runs/mine: cannot be written to \(")
+    with refused, run_folder(tmp_path / "runs" / "mine", resume=False):
+        pass
+
+
 def test_a_run_that_is_being_trained_cannot_be_trained_by_another(tmp_path):
     folder = tmp_path / "run"
     refused = pytest.raises(TrainingError, match=r"run: another process is training this run")
