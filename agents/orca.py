@@ -10,7 +10,6 @@ it cannot follow exactly, the robot takes itself for a little larger than it is 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Annotated
 
@@ -111,7 +110,7 @@ class Orca(crowdbench.Agent):
     def _follow(self, forward: float, left: float) -> crowdbench.Action:
         """Turn towards a velocity in the robot frame, driving what of it lies ahead."""
         robot = self._robot
-        bearing = math.atan2(left, forward)
+        bearing = np.arctan2(left, forward)
         if np.hypot(forward, left) < 0.02:
             return 0.0, 0.0
         turn = np.clip(bearing / robot.control_period, *robot.turn_rate)

@@ -9,7 +9,6 @@ which the original lacks.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections import deque
 from dataclasses import dataclass, fields, replace
@@ -235,7 +234,7 @@ class Neupan(crowdbench.Agent):
         """Bearing [rad] and length [m] of the path: to the goal, or out of a freeze."""
         s, pose = self._settings, observation.pose.astype(np.float64)
         x, y = observation.goal.astype(np.float64)
-        bearing = math.atan2(y, x)
+        bearing = float(np.arctan2(y, x))
         self._positions.append(pose[:2])
         frozen = (
             len(self._positions) == self._positions.maxlen

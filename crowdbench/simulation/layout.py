@@ -133,8 +133,7 @@ def _place_robots(
         chosen = np.argmin(np.where(free, nearest, np.inf)) if effort == _DENSE else np.argmax(free)
         start, goal = ends[chosen]
         ahead = goal - start
-        # Not numpy's, which rounds otherwise where the processor has AVX-512.
-        heading = math.atan2(ahead[1], ahead[0]) + rng.uniform(-np.pi / 6, np.pi / 6)
+        heading = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-np.pi / 6, np.pi / 6)
         poses[r], goals[r] = [*start, heading], goal
     return poses, goals
 

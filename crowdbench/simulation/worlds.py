@@ -6,7 +6,6 @@ noise, and what is drawn for an episode stay in Python, in the lanes that need t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -238,9 +237,7 @@ class Worlds:
         people["radius"] = settings.radius
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
-        # Not numpy's, which rounds otherwise where the processor has AVX-512.
-        heading = np.array([math.atan2(y, x) for x, y in ahead.tolist()])
-        people["heading"] = heading
+        people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
         people["velocity"] = people["speed"][:, None] * directions
         return drawing
