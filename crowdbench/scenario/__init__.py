@@ -10,15 +10,9 @@ from crowdbench.messages import nearest
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.errors import NoRoomError, ScenarioError
 from crowdbench.scenario.files import load_scenario, parse_overrides, scenario_names
-from crowdbench.scenario.model import (
-    Arena,
-    Lidar,
-    Obstacles,
-    Pedestrians,
-    Reward,
-    Robots,
-    Scenario,
-)
+from crowdbench.scenario.model import Scenario
+from crowdbench.scenario.people import Pedestrians
+from crowdbench.scenario.sections import Arena, Lidar, Obstacles, Reward, Robots
 
 __all__ = [
     "Arena",

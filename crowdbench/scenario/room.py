@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from crowdbench.scenario.model import Arena, Robots, Scenario
+    from crowdbench.scenario.model import Scenario
+    from crowdbench.scenario.sections import Arena, Robots
 
 PASSAGE = 0.9
 """Least gap between static obstacles, and on one side of each to a wall, for people [m]."""

@@ -1,0 +1,60 @@
+"""The section of a scenario that says who walks in it, and how."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from crowdbench.extensions import WALKING_MODELS
+from crowdbench.scenario.fields import (
+    NonNegative,
+    Positive,
+    Range,
+    Section,
+    Share,
+    Speed,
+    Text,
+    Whole,
+    known,
+)
+
+
+class Pedestrians(Section):
+    """The people: how many, how they walk, where to, and how many of them are reactive."""
+
+    count: Annotated[int, Field(ge=0, le=500, strict=True), Whole] = Field(
+        8, description="how many"
+    )
+    radius: Positive = Field(0.25, le=2, description="of everybody [m]")
+    speed: Range[Speed] = Field(
+        (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
+    )
+    model: Annotated[Text, known(WALKING_MODELS)] = Field(
+        "orca", description="how they avoid others: the name of a walking model"
+    )
+    control: Literal["scripted", "agents"] = Field(
+        "scripted", description="agents: each pedestrian is a PettingZoo agent too"
+    )
+    reactive: Share = Field(1.0, description="share of the pedestrians that see the robot")
+    field_of_view: Positive = Field(
+        220.0, le=360, description="within which a reactive pedestrian sees the robot [deg]"
+    )
+    responsibility: Share = Field(
+        0.5, description="share of an evasion that a pedestrian takes on when meeting the robot"
+    )
+    goals: Literal["unimodal", "multimodal"] = Field(
+        "unimodal", description="multimodal: a leg may be interrupted"
+    )
+    switch_probability: Share = Field(
+        0.5, description="multimodal: chance that a leg is interrupted, half of them to return"
+    )
+    leg: Positive = Field(
+        4.0, le=200, description="least distance from a leg's start to its goal [m]"
+    )
+    on_arrival: Literal["new_goal", "stop"] = Field(
+        "new_goal", description="walk on to another goal, or stand still"
+    )
+    spawn_clearance: NonNegative = Field(
+        1.0, le=200, description="least gap between a pedestrian and a robot's start, surfaces [m]"
+    )

@@ -1,0 +1,101 @@
+"""Sections of a scenario: the place, the robots and their LiDAR, obstacles, the reward."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from crowdbench.extensions import DRIVES
+from crowdbench.scenario.digest import later
+from crowdbench.scenario.fields import (
+    NonNegative,
+    Pair,
+    Positive,
+    Range,
+    Section,
+    Share,
+    Signed,
+    Size,
+    Text,
+    Weight,
+    Whole,
+    known,
+)
+
+
+class Arena(Section):
+    """Where the scene takes place; the origin is its centre, a corridor runs along x."""
+
+    kind: Literal["open", "corridor"] = Field(
+        "open", description="a corridor has walls on its long sides"
+    )
+    length: Positive = Field(10.0, le=200, description="extent along x [m]")
+    width: Positive = Field(10.0, le=200, description="extent along y [m]")
+
+
+class Robots(Section):
+    """The robots: how they drive, and their rectangular footprint."""
+
+    count: Annotated[int, Field(ge=1, le=32, strict=True), Whole] = Field(1, description="how many")
+    drive: Annotated[Text, known(DRIVES)] = later(
+        "differential", "0.2", description="what an action means: the name of a drive"
+    )
+    length: Positive = Field(0.4, le=5, description="footprint along the heading [m]")
+    width: Positive = Field(0.3, le=5, description="footprint across the heading [m]")
+    speed: Range[Signed] = Field((0.0, 1.0), description="forward speed [m/s]")
+    turn_rate: Range[Signed] = Field(
+        (-1.5, 1.5), description="turn rate [rad/s], left positive; differential drive"
+    )
+    lateral_speed: Range[Signed] = later(
+        (-1.0, 1.0), "0.2", description="sideways speed [m/s], left positive; omnidirectional drive"
+    )
+    acceleration: Pair[Positive] | None = Field(
+        None, description="limits on the change of either number of an action in a second"
+    )
+    travel: Positive = Field(8.0, le=200, description="straight distance from start to goal [m]")
+    goal_tolerance: Positive = Field(0.3, le=5, description="arrival distance [m]")
+
+
+class Lidar(Section):
+    """A planar LiDAR at the robot's centre."""
+
+    beams: Annotated[int, Field(ge=1, le=4096, strict=True), Whole] = Field(
+        180, description="rays per scan, evenly spaced"
+    )
+    field_of_view: Positive = Field(360.0, le=360, description="centred ahead [deg]")
+    range: Positive = Field(6.0, le=100, description="largest distance reported [m]")
+    noise: NonNegative = Field(0.0, le=1, description="standard deviation of a distance [m]")
+    dropout: Share = Field(0.0, description="share of beams that report the full range")
+
+
+class Obstacles(Section):
+    """Static round obstacles, placed at random."""
+
+    count: Annotated[int, Field(ge=0, le=200, strict=True), Whole] = Field(
+        0, description="how many"
+    )
+    radius: Range[Size] = Field((0.3, 0.5), description="drawn per obstacle [m]")
+
+
+class Reward(Section):
+    """Weights of R = R_goal + R_collision + R_social (paper, section III.B)."""
+
+    arrival: Weight = Field(20.0, description="on arrival (r_arrival)")
+    progress: Weight = Field(9.0, description="per metre nearer to the goal (w_1)")
+    collision: Weight = Field(-60.0, description="on contact (r_collision)")
+    proximity: Weight = Field(
+        -0.4, description="times 1 - d / proximity_range for the nearest surface (w_2)"
+    )
+    proximity_range: Positive = Field(
+        1.25, le=1000, description="beyond which nothing is near (r + 1 m) [m]"
+    )
+    social: NonNegative = Field(
+        0.2, le=1_000_000, description="times 1 - d / social_radius (w_3); 0 switches it off"
+    )
+    social_radius: Positive = Field(
+        1.2, le=1000, description="beyond which nobody is cut in on (r_s), centres [m]"
+    )
+    social_horizon: Positive = Field(
+        2.0, le=1000, description="how far the interaction is predicted [s]"
+    )
