@@ -30,19 +30,6 @@ _SLOWEST = 0.05
 
 
 @compiled()
-def begin_legs(
-    lane: int,
-    worlds: NDArray[np.void],
-    people: NDArray[np.void],
-    obstacles: NDArray[np.float64],
-    draws: NDArray[np.float64],
-) -> None:
-    """Begin the first leg of everybody in a lane."""
-    for p in range(worlds[lane].people):
-        _begin_leg(people[lane, p], worlds[lane], obstacles[lane], draws[lane, p])
-
-
-@compiled()
 def decide(
     lanes: NDArray[np.int64],
     worlds: NDArray[np.void],
@@ -51,6 +38,7 @@ def decide(
     obstacles: NDArray[np.float64],
     sees: NDArray[np.bool_],
     draws: NDArray[np.float64],
+    first: bool,
 ) -> bool:
     """Everything that precedes a walking model's choice: legs, heads, preferred velocities.
 
@@ -59,6 +47,7 @@ def decide(
     Args:
         lanes: (M,) which.
         worlds, robots, people, obstacles, sees, draws: of all lanes, see ``State``.
+        first: the episodes begin, and everybody begins a leg.
 
     Returns:
         Somebody has no draws left for another leg.
@@ -70,9 +59,10 @@ def decide(
         for p in range(world.people):
             person = people[lane, p]
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
-            if world.time >= person.switch_time:
+            over = math.hypot(x, y) < ARRIVAL or world.time >= person.deadline
+            if world.time >= person.switch_time and not first:
                 _aim(person, person.next_goal[0], person.next_goal[1], world.time)
-            elif world.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+            elif first or (world.walks_on and over):
                 _begin_leg(person, world, obstacles[lane], draws[lane, p])
                 exhausted = exhausted or person.drawn == LEGS_AHEAD
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
@@ -103,7 +93,7 @@ def _begin_leg(person, world, obstacles, draws):  # type: ignore[no-untyped-def]
     person.switch_time = world.time + when * _free_walk(person)
 
 
-@compiled()
+@compiled(inline="always")
 def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
     """Head for a goal that will be kept."""
     person.start[0], person.start[1] = person.position[0], person.position[1]
@@ -114,7 +104,7 @@ def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
     person.deadline = time + PATIENCE * _free_walk(person) + 5.0
 
 
-@compiled()
+@compiled(inline="always")
 def _free_walk(person):  # type: ignore[no-untyped-def]
     """Seconds that the leg takes when nobody is in the way."""
     x, y = person.goal[0] - person.start[0], person.goal[1] - person.start[1]
@@ -150,7 +140,7 @@ def _first_fit(leg, begin, x, y, world, obstacles):  # type: ignore[no-untyped-d
     return best_x, best_y
 
 
-@compiled()
+@compiled(inline="always")
 def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
     """Turn the heads of a lane's people who walk, and note who sees which robot."""
     for p in range(world.people):
@@ -166,7 +156,7 @@ def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
                 sees[p, r] = abs(off) <= world.half_view
 
 
-@compiled()
+@compiled(inline="always")
 def preferred_velocity(x, y, speed, period):  # type: ignore[no-untyped-def]
     """Straight to a goal at (x, y) with ``speed``; nobody overshoots a goal within ``period``."""
     distance = math.hypot(x, y)

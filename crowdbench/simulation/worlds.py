@@ -28,7 +28,7 @@ from crowdbench.simulation.lanes import (
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.motion import move
-from crowdbench.simulation.pedestrians import begin_legs, decide, look
+from crowdbench.simulation.pedestrians import decide, look
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.sensing import add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
@@ -142,7 +142,7 @@ class Worlds:
             ScenarioError: a walking model returns no velocities.
         """
         s = self.state
-        if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
+        if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws, False):
             self._draw()
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
         for kernel in set(kernels):
@@ -235,7 +235,7 @@ class Worlds:
         people["position"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
         people["radius"] = settings.radius
-        begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
+        decide(np.array([lane]), s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws, True)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])

@@ -34,12 +34,17 @@ def test_on_a_busy_machine_that_has_compiled_nothing_no_episode_is_an_agent_erro
             text=True,
         )
 
+    def machine_code():
+        return sorted((tmp_path / "cache").rglob("*.nbc"))
+
     with busy():
         first = run("-j", "2")
+    compiled = machine_code()
     second = run("--seed", "1", "-j", "1", "--json")
     assert [first.returncode, second.returncode] == [0, 0]
     assert "compiling for crowdbench, informed (once per machine)" in first.stderr
     assert "agent_error" not in first.stdout
     assert second.stderr == "", "nothing is left to be compiled"
+    assert compiled and machine_code() == compiled
     (cell,) = json.loads(second.stdout)["cells"]
     assert (cell["episodes"], cell["errors"]) == (2, [])
