@@ -63,13 +63,17 @@ class Renderer:
         """
         if self._closed or (self._window and self._window.closed):
             return None
-        self._trails.add(state)
+        self.follow(state)
         picture = self._paint(state, lidar)
         if self._mode == "rgb_array":
             pixels = self._pygame.surfarray.array3d(picture)
             return np.ascontiguousarray(pixels.transpose(1, 0, 2))
         self._show(picture)
         return None
+
+    def follow(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take note of a state that is not drawn itself: later pictures show trails."""
+        self._trails.add(state)
 
     def close(self) -> None:
         """Close the window, if there is one; nothing is drawn afterwards."""
