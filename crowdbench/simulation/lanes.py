@@ -59,6 +59,7 @@ WORLD = np.dtype(
         ("responsibility", _REAL),
         ("switch_probability", _REAL),  # 0 where goals are unimodal
         ("leg", _REAL),
+        ("from_goal", _FLAG),  # legs start from the last goal
         ("walks_on", _FLAG),  # on arrival
         ("half_extent", _REAL),  # of the smallest body that moves
         ("arrival", _REAL),
@@ -200,6 +201,7 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
+        "from_goal": people.leg_from == "goal",
         "walks_on": people.on_arrival == "new_goal",
         "half_extent": half_extent(scenario),
         **scenario.reward.model_dump(),

@@ -232,7 +232,7 @@ class Worlds:
         people["speed"] = low + (high - low) * draws[:, 0]
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
-        people["position"] = layout.pedestrian_position
+        people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
         people["radius"] = settings.radius
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)

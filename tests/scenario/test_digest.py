@@ -38,6 +38,7 @@ FIRST_FIELDS = {
 LATER_FIELDS: dict[str, object] = {
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
+    "pedestrians.leg_from": "position",
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
