@@ -131,6 +131,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
             f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
         )
     document = _read(path)
+    _find_image(document, beside=path)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
     document.pop("order", None)
@@ -143,6 +144,13 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     return merge(beneath, document)
+
+
+def _find_image(document: dict[str, Any], beside: Any) -> None:
+    """Make the name of a map's image one that does not depend on where the file is read from."""
+    arena = document.get("arena")
+    if isinstance(arena, dict) and isinstance(arena.get("image"), str):
+        arena["image"] = str(Path(str(beside)).parent / arena["image"])
 
 
 def _is_file(path: Any) -> bool:

@@ -18,6 +18,7 @@ from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation.chipmunk import CONTACT
 from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.substeps import half_extent
+from crowdbench.simulation.walls import walls_of
 
 CANDIDATES = 16
 """Places that are drawn for either goal of a leg."""
@@ -163,17 +164,12 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         robots=make(ROBOT, robots),
         people=make(PERSON, people),
         obstacles=make(_REAL, obstacles, 3),
-        walls=make(_REAL, max(map(wall_count, scenarios)), 4),
+        walls=make(_REAL, max(len(walls_of(scenario)) for scenario in scenarios), 4),
         sees=make(_FLAG, people, robots),
         draws=make(_REAL, people, LEGS_AHEAD, DRAWS),
         contacts=make(_REAL, robots, CONTACT),
         seen=make(np.float32, robots, PROPRIOCEPTION + beams),
     )
-
-
-def wall_count(scenario: Scenario) -> int:
-    """A corridor has two, an open arena none."""
-    return 2 if scenario.arena.kind == "corridor" else 0
 
 
 def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
@@ -194,7 +190,7 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "goal_tolerance": robots.goal_tolerance,
         "range": scenario.lidar.range,
         "obstacles": scenario.obstacles.count,
-        "walls": wall_count(scenario),
+        "walls": len(walls_of(scenario)),
         "people": people.count,
         "radius": people.radius,
         "half_view": np.deg2rad(people.field_of_view) / 2,

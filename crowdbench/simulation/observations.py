@@ -14,6 +14,7 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
 
 
@@ -51,7 +52,7 @@ def agent_spaces(
 def state_space(scenario: Scenario) -> spaces.Dict:
     """Space of ``CrowdEnv.state()``: R robots, P pedestrians, K obstacles, S walls."""
     r, p, k = scenario.robots.count, scenario.pedestrians.count, scenario.obstacles.count
-    walls = 2 if scenario.arena.kind == "corridor" else 0
+    walls = len(walls_of(scenario))
 
     def real(*shape: int) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, np.float64)

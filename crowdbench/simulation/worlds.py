@@ -27,6 +27,7 @@ from crowdbench.simulation.lanes import (
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
+from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.pedestrians import begin_legs, decide, look
 from crowdbench.simulation.reward import judge
@@ -45,6 +46,7 @@ class Prepared(NamedTuple):
     world: NDArray[np.void]
     corners: list[tuple[float, float]]
     noisy: bool
+    places: Places | None
 
 
 @dataclass
@@ -102,7 +104,7 @@ class Worlds:
         """
         prepared = self._prepare(scenario)
         model = make_walking_model(scenario)
-        layout = place(scenario, seed)
+        layout = place(scenario, seed, prepared.places)
         state = self.state
         state.worlds[lane] = prepared.world
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
@@ -205,6 +207,7 @@ class Worlds:
                 world_of(scenario, drive, kinematics.kernel_of(drive)),
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
+                places_of(scenario),
             )
         return self._prepared[id(scenario)]
 

@@ -36,6 +36,14 @@ FIRST_FIELDS = {
 """Those of 0.1.0, which every digest holds. Nothing is ever added here."""
 
 LATER_FIELDS: dict[str, object] = {
+    "arena.walls": (),
+    "arena.polygons": (),
+    "arena.image": None,
+    "arena.regions": {},
+    "arena.centre": (0.0, 0.0),
+    "robots.start": None,
+    "robots.goal": None,
+    "robots.look_ahead": 3.0,
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
     "pedestrians.leg_from": "position",
