@@ -19,6 +19,7 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
+from crowdbench.scenario.streams import MOST_STREAMS, Streams
 
 
 class Pedestrians(Section):
@@ -58,6 +59,12 @@ class Pedestrians(Section):
         "0.2",
         description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
         "do not depend on what was in the way",
+    )
+    streams: Streams = later(
+        (),
+        "0.2",
+        max_length=MOST_STREAMS,
+        description="people who walk from region to region; the others walk anywhere",
     )
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"

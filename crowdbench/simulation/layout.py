@@ -13,6 +13,8 @@ from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
+from crowdbench.simulation.routes import Routes
+from crowdbench.simulation.spreading import spread
 from crowdbench.simulation.walls import walls_of
 
 OBSTACLE_CLEARANCE = 1.0
@@ -37,6 +39,7 @@ class Layout:
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
+        pedestrian_stage: (P,) regions on the way of its stream that each has passed.
     """
 
     robot_pose: NDArray[np.float64]
@@ -45,15 +48,19 @@ class Layout:
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
+    pedestrian_stage: NDArray[np.int64]
 
 
-def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout:
+def place(
+    scenario: Scenario, seed: int, places: Places | None = None, routes: Routes | None = None
+) -> Layout:
     """Draw a layout.
 
     Args:
         scenario: whose.
         seed: of the episode.
         places: of the scenario, where they are known already.
+        routes: of the scenario's people, where they have any.
 
     Raises:
         NoRoomError: there is no room; the message says what was placed and what was not.
@@ -65,7 +72,7 @@ def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout
     for effort in (_CENTRED, _ANYWHERE, _DENSE):
         for _ in range(_LAYOUTS):
             try:
-                return _attempt(scenario, places, rng, effort)
+                return _attempt(scenario, places, routes, rng, effort)
             except NoPlaceError as error:
                 problems.append(error)
         if all(isinstance(problem, _CrowdedError) for problem in problems):
@@ -84,7 +91,11 @@ class _CrowdedError(NoPlaceError):
 
 
 def _attempt(
-    scenario: Scenario, places: Places | None, rng: np.random.Generator, effort: int
+    scenario: Scenario,
+    places: Places | None,
+    routes: Routes | None,
+    rng: np.random.Generator,
+    effort: int,
 ) -> Layout:
     around = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
     if places is None:
@@ -99,18 +110,21 @@ def _attempt(
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
     fixed = len(taken)
     taken = np.vstack([taken, np.full((people.count, 3), people.radius)])
+    stage, placed = np.zeros(people.count, dtype=np.int64), 0
+    if routes is not None:
+        placed = spread(rng, routes, taken, fixed, stage)
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
     if places is None:
-        placed = _place_discs(rng, half, taken, fixed)
+        placed += _place_discs(rng, half, taken, fixed + placed)
     else:
-        placed = places.place_people(rng, taken, fixed)
+        placed += places.place_people(rng, taken, fixed + placed)
     if placed < people.count:
         raise _CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
     position = taken[fixed:, :2].copy()
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
-    return Layout(pose, goal, obstacles, walls, position, reactive)
+    return Layout(pose, goal, obstacles, walls, position, reactive, stage)
 
 
 def _place_robots(

@@ -17,10 +17,12 @@ from crowdbench.agent import lidar_angles
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
+from crowdbench.simulation.following import begin_routes, follow
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
+    POINTS,
     PROPRIOCEPTION,
     allocate,
     world_of,
@@ -31,6 +33,7 @@ from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.pedestrians import begin_legs, decide, look
 from crowdbench.simulation.reward import judge
+from crowdbench.simulation.routes import Routes, has_routes, routes_of
 from crowdbench.simulation.sensing import add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
@@ -47,6 +50,7 @@ class Prepared(NamedTuple):
     corners: list[tuple[float, float]]
     noisy: bool
     places: Places | None
+    routes: Routes | None
 
 
 @dataclass
@@ -104,13 +108,13 @@ class Worlds:
         """
         prepared = self._prepare(scenario)
         model = make_walking_model(scenario)
-        layout = place(scenario, seed, prepared.places)
+        layout = place(scenario, seed, prepared.places, prepared.routes)
         state = self.state
         state.worlds[lane] = prepared.world
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
         state.walls[lane, : len(layout.walls)] = layout.walls
         self._place_robots(lane, layout, prepared)
-        drawing = self._place_people(lane, layout, seed, scenario)
+        drawing = self._place_people(lane, layout, seed, prepared)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
@@ -137,6 +141,16 @@ class Worlds:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
             model.reset(self._crowd(lane), streams.walking(seed))
 
+    def ways(self, lane: int) -> NDArray[np.float64]:
+        """(P, POINTS, 2) next points of people's ways, the last one repeated; else goals [m]."""
+        prepared = self.episode(lane).prepared
+        count = prepared.scenario.pedestrians.count
+        if prepared.routes is None:
+            return np.repeat(self.state.people["goal"][lane, :count, None], POINTS, axis=1)
+        walks = self.state.walks[lane, :count]
+        which = np.minimum(walks["at"][:, None] + np.arange(POINTS), walks["count"][:, None] - 1)
+        return np.asarray(np.take_along_axis(walks["points"], which[..., None], axis=1))
+
     def choose(self, lanes: Lanes) -> None:
         """Let all pedestrians decide from the same snapshot how to walk.
 
@@ -144,7 +158,7 @@ class Worlds:
             ScenarioError: a walking model returns no velocities.
         """
         s = self.state
-        if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
+        if self._decide(lanes):
             self._draw()
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
         for kernel in set(kernels):
@@ -208,6 +222,7 @@ class Worlds:
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 places_of(scenario),
+                routes_of(scenario) if has_routes(scenario) else None,
             )
         return self._prepared[id(scenario)]
 
@@ -222,10 +237,10 @@ class Worlds:
         self._note_travel(lane, prepared)
 
     def _place_people(
-        self, lane: int, layout: Layout, seed: int, scenario: Scenario
+        self, lane: int, layout: Layout, seed: int, prepared: Prepared
     ) -> list[np.random.Generator]:
         """Begin the first legs; returns where later ones are drawn from."""
-        s, settings = self.state, scenario.pedestrians
+        s, settings, routes = self.state, prepared.scenario.pedestrians, prepared.routes
         people = s.people[lane, : settings.count]
         low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
@@ -238,12 +253,47 @@ class Worlds:
         people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
         people["radius"] = settings.radius
-        begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
-        ahead = people["goal"] - people["position"]
+        target = people["goal"]
+        if routes is None:
+            begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
+        else:
+            walks = s.walks[lane, : settings.count]
+            walks["stage"], walks["waiting"] = layout.pedestrian_stage, 0
+            begin_routes(lane, s.worlds, s.people, s.walks, s.obstacles, s.draws, routes)
+            target = walks["points"][:, 0]
+        ahead = target - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
-        people["velocity"] = people["speed"][:, None] * directions
+        people["velocity"] = people["preferred"] = people["speed"][:, None] * directions
         return drawing
+
+    def _decide(self, lanes: Lanes) -> bool:
+        """Let everybody know where to go; returns whether somebody has used up its draws."""
+        s = self.state
+        if not s.walks.shape[1]:
+            return decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws)
+        exhausted = False
+        routes = [self.episode(lane).prepared.routes for lane in lanes.tolist()]
+        for one in {id(one): one for one in routes}.values():
+            which = lanes[np.array([other is one for other in routes])]
+            if one is None:
+                exhausted |= decide(
+                    which, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws
+                )
+            else:
+                exhausted |= follow(
+                    which,
+                    s.worlds,
+                    s.robots,
+                    s.people,
+                    s.walks,
+                    s.obstacles,
+                    s.sees,
+                    s.draws,
+                    FUNCTIONS,
+                    one,
+                )
+        return exhausted
 
     def _draw(self) -> None:
         """Give those who have used up their draws new ones."""
@@ -271,8 +321,9 @@ class Worlds:
             position=people["position"].copy(),
             velocity=people["velocity"].copy(),
             heading=people["heading"].copy(),
-            goal=people["goal"].copy(),
+            goal=np.ascontiguousarray(self.ways(lane)[:, 0]),
             preferred_speed=people["speed"].copy(),
+            preferred_velocity=people["preferred"].copy(),
             radius=scenario.pedestrians.radius,
             present=np.ones(count, dtype=np.bool_),
             sees_robot=self.state.sees[lane, :count].copy(),

@@ -47,6 +47,7 @@ LATER_FIELDS: dict[str, object] = {
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
     "pedestrians.leg_from": "position",
+    "pedestrians.streams": (),
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
