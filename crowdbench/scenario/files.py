@@ -131,6 +131,8 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
             f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
         )
     document = _read(path)
+    if isinstance(path, Path):
+        _locate_recording(document, path.parent)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
     document.pop("order", None)
@@ -143,6 +145,18 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     return merge(beneath, document)
+
+
+def _locate_recording(document: dict[str, Any], folder: Path) -> None:
+    """Paths in a scenario's file start where it is."""
+    people = document.get("pedestrians")
+    if not isinstance(people, dict):
+        return
+    settings = people.get("recording")
+    if isinstance(settings, str):
+        people["recording"] = str(folder / settings)
+    elif isinstance(settings, dict) and isinstance(settings.get("file"), str):
+        settings["file"] = str(folder / settings["file"])
 
 
 def _is_file(path: Any) -> bool:

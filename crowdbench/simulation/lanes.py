@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
+from crowdbench.scenario.recorded import load
 from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation.chipmunk import CONTACT
 from crowdbench.simulation.kinematics import Drive
@@ -112,6 +113,7 @@ PERSON = np.dtype(
         ("intent", _WHOLE),  # index into INTENTS
         ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept
         ("deadline", _REAL),  # when the leg is given up
+        ("present", _FLAG),  # in the scene; others are kept far away from it
         ("reactive", _FLAG),  # sees the robots
         ("preferred", _REAL, 2),  # velocity if nobody was in the way
         ("chosen", _REAL, 2),  # velocity for this control period
@@ -171,7 +173,9 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
 
 
 def wall_count(scenario: Scenario) -> int:
-    """A corridor has two, an open arena none."""
+    """A corridor has two, an open arena none, a recording its own."""
+    if scenario.pedestrians.recording.file:
+        return len(load(scenario.pedestrians.recording)[0].segments)
     return 2 if scenario.arena.kind == "corridor" else 0
 
 
@@ -200,7 +204,7 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
-        "walks_on": people.on_arrival == "new_goal",
+        "walks_on": people.on_arrival == "new_goal" and not people.recording.file,
         "half_extent": half_extent(scenario),
         **scenario.reward.model_dump(),
     }

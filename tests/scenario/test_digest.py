@@ -6,6 +6,7 @@ import pytest
 from pydantic import BaseModel
 
 from crowdbench.scenario import Arena, Scenario, later, load_scenario, scenario_names
+from crowdbench.scenario.recorded import Recording
 
 DIGESTS = {
     "unimodal_slow": "3690941ae711",
@@ -38,6 +39,12 @@ FIRST_FIELDS = {
 LATER_FIELDS: dict[str, object] = {
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
+    "pedestrians.recording": Recording(),
+    "pedestrians.recording.file": "",
+    "pedestrians.recording.unit": None,
+    "pedestrians.recording.fps": None,
+    "pedestrians.recording.route": "across",
+    "pedestrians.recording.sha256": "",
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
