@@ -70,9 +70,7 @@ def completed(scenario: Scenario) -> dict[str, Any]:
     if people.control != "scripted":
         raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
     if arena.kind == "corridor":
-        raise ValueError(
-            "arena.kind: 'corridor'; allowed: open, as recorded people have their own walls"
-        )
+        raise ValueError("arena.kind: 'corridor'; allowed: open, as recordings have their walls")
     if scenario.obstacles.count:
         raise ValueError("obstacles.count: allowed with pedestrians.model 'recorded': 0")
     recording, digest = load(people.recording)
