@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 from pydantic import BaseModel
 
-from crowdbench.scenario import Arena, Scenario, later, load_scenario, scenario_names
+from crowdbench.scenario import (
+    Arena,
+    Odometry,
+    Scenario,
+    later,
+    load_scenario,
+    scenario_names,
+)
 
 DIGESTS = {
     "unimodal_slow": "3690941ae711",
@@ -38,6 +45,13 @@ FIRST_FIELDS = {
 LATER_FIELDS: dict[str, object] = {
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
+    "robots.latency": 0,
+    "robots.odometry": Odometry(),
+    "robots.odometry.rotation": 0.0,
+    "robots.odometry.rotation_by_translation": 0.0,
+    "robots.odometry.translation": 0.0,
+    "robots.odometry.translation_by_rotation": 0.0,
+    "lidar.mount": (0.0, 0.0, 0.0),
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
