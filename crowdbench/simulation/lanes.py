@@ -33,6 +33,8 @@ TERMS = ("goal", "collision", "social")
 """Terms of the reward, in the order in which they are added."""
 PROPRIOCEPTION = 7
 """Numbers of an observation before the scan: velocity (2), goal (2), odometry (3)."""
+ODOMETRY = slice(4, 7)
+"""Where odometry is among them."""
 
 _WHOLE, _REAL, _FLAG, _ADDRESS = np.int64, np.float64, np.bool_, np.uint64
 
@@ -46,6 +48,7 @@ WORLD = np.dtype(
         ("drive", _WHOLE),  # which compiled one
         ("robot_length", _REAL),
         ("robot_width", _REAL),
+        ("mount", _REAL, 3),  # pose of the LiDAR on the robot
         ("robot_radius", _REAL),  # of the circle around the footprint, as pedestrians see it
         ("corner", _REAL),  # the same circle, as substeps are chosen by it
         ("reach", _REAL, 2),  # how far the velocity can change in a control period
@@ -136,6 +139,7 @@ class State(NamedTuple):
         sees: (L, P, R) which pedestrian sees which robot now.
         draws: (L, P, LEGS_AHEAD, DRAWS) in [0, 1), for the legs to come.
         contacts: (L, R, CONTACT) what each robot has touched first.
+        under_way: (L, R, latency, 2) commands that do not act yet, the next to act first.
         seen: (L, R, PROPRIOCEPTION + beams) what robots observe.
     """
 
@@ -147,6 +151,7 @@ class State(NamedTuple):
     sees: NDArray[np.bool_]
     draws: NDArray[np.float64]
     contacts: NDArray[np.float64]
+    under_way: NDArray[np.float64]
     seen: NDArray[np.float32]
 
 
@@ -168,6 +173,7 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         sees=make(_FLAG, people, robots),
         draws=make(_REAL, people, LEGS_AHEAD, DRAWS),
         contacts=make(_REAL, robots, CONTACT),
+        under_way=make(_REAL, robots, scenarios[0].robots.latency, 2),
         seen=make(np.float32, robots, PROPRIOCEPTION + beams),
     )
 
@@ -190,6 +196,7 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "drive": kind,
         "robot_length": robots.length,
         "robot_width": robots.width,
+        "mount": scenario.lidar.mount,
         "robot_radius": np.hypot(robots.length, robots.width) / 2,
         "corner": robot_radius(robots),
         "reach": np.array(robots.acceleration or (np.inf, np.inf)) * scenario.control_period,

@@ -53,6 +53,7 @@ class Lane:
         worlds: where all of it is kept.
         pose: (R, 3) robots' x, y [m], heading [rad].
         velocity: (R, 2) what the robots' drive is doing, e.g. v [m/s], w [rad/s].
+        under_way: (R, latency, 2) commands that do not act yet, the next to act first.
         direction: (R, 2) unit vectors along which the robots travel, in the world.
         speed: (R,) along these, negative backwards [m/s].
         world_velocity: (R, 2) direction times speed [m/s].
@@ -69,6 +70,7 @@ class Lane:
         self.worlds, self._lane = worlds, lane
         robots = worlds.state.robots[lane]
         self.pose, self.velocity = robots["pose"], robots["velocity"]
+        self.under_way = worlds.state.under_way[lane]
         self.direction, self.speed = robots["direction"], robots["speed"]
         self.world_velocity, self.active = robots["world_velocity"], robots["active"]
         self.goals, self.terms, self.outcome = robots["goal"], robots["terms"], robots["outcome"]

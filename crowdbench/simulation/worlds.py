@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.agent import lidar_angles
-from crowdbench.scenario import Scenario
+from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
+    ODOMETRY,
     PROPRIOCEPTION,
     allocate,
     world_of,
@@ -29,6 +30,7 @@ from crowdbench.simulation.lanes import (
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.motion import move
+from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
@@ -47,6 +49,7 @@ class Prepared(NamedTuple):
     world: NDArray[np.void]
     corners: list[tuple[float, float]]
     noisy: bool
+    drifts: bool
 
 
 @dataclass
@@ -61,6 +64,7 @@ class Episode:
         model: how pedestrians walk.
         streams: of the pedestrians' legs.
         noise: of the robots' LiDARs, where these are noisy.
+        odometry: of the robots, where it drifts.
     """
 
     prepared: Prepared
@@ -70,6 +74,7 @@ class Episode:
     model: WalkingModel
     streams: list[np.random.Generator]
     noise: list[np.random.Generator]
+    odometry: list[DriftingOdometry]
 
 
 class Worlds:
@@ -89,6 +94,7 @@ class Worlds:
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
         self._recorded: set[int] = set()
+        self._drifting: set[int] = set()
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -129,11 +135,18 @@ class Worlds:
         ]
         noisy = state.robots.shape[1] if prepared.noisy else 0
         noise = [streams.lidar(seed, r) for r in range(noisy)]
+        drifting = [
+            DriftingOdometry(scenario.robots.odometry, pose, streams.odometry(seed, r))
+            for r, pose in enumerate(layout.robot_pose if prepared.drifts else ())
+        ]
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
-        self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, noise)
+        (self._drifting.add if drifting else self._drifting.discard)(lane)
+        self.episodes[lane] = Episode(
+            prepared, seed, layout, bodies, model, drawing, noise, drifting
+        )
         if before is not None:
             before.bodies.free()
         if isinstance(model, Recorded):
@@ -166,13 +179,15 @@ class Worlds:
 
         Args:
             lanes: (M,) which.
-            commands: (M, R, 2) actions within the drive's bounds; those of robots that have left
-                the scene are ignored.
+            commands: (M, R, 2) actions within the drive's bounds, which act after the robots'
+                latency; those of robots that have left the scene are ignored.
 
         Raises:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
+        if s.under_way.shape[2]:
+            commands = self._delay(lanes, commands)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
         if stuck >= 0:
             scenario = self.episode(stuck).prepared.scenario
@@ -195,6 +210,13 @@ class Worlds:
                     scan = s.seen[lane, r, PROPRIOCEPTION:]
                     add_noise(scan, episode.prepared.scenario, noise)
 
+        for lane in self._drifting.intersection(lanes.tolist()):
+            robots = s.robots[lane]
+            for r in np.flatnonzero(robots["active"]).tolist():
+                odometry = self.episode(lane).odometry[r]
+                odometry.update(robots["pose"][r])
+                s.seen[lane, r, ODOMETRY] = odometry.wrapped()
+
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
         s = self.state
@@ -215,6 +237,7 @@ class Worlds:
                 world_of(scenario, drive, kinematics.kernel_of(drive)),
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
+                scenario.robots.odometry != Odometry(),
             )
         return self._prepared[id(scenario)]
 
@@ -223,6 +246,7 @@ class Worlds:
         robots["pose"] = robots["origin"] = layout.robot_pose
         robots["goal"] = layout.robot_goal
         robots["velocity"] = 0.0
+        self.state.under_way[lane] = 0.0
         robots["active"] = True
         ways = layout.robot_goal - layout.robot_pose[:, :2]
         robots["distance"] = np.linalg.norm(ways, axis=1)
@@ -281,6 +305,12 @@ class Worlds:
             people["position"][p] = places[p]
             people["velocity"][p] = tracks.velocity(step)[p] if present[p] else 0.0
             episode.bodies.place(p, *places[p].tolist())
+
+    def _delay(self, lanes: Lanes, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The commands (M, R, 2) that act now; the given ones join those under way."""
+        queue = np.concatenate([self.state.under_way[lanes], commands[:, :, None]], axis=2)
+        self.state.under_way[lanes] = queue[:, :, 1:]
+        return np.ascontiguousarray(queue[:, :, 0])
 
     def _draw(self) -> None:
         """Give those who have used up their draws new ones."""

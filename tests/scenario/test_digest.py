@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 from pydantic import BaseModel
 
-from crowdbench.scenario import Arena, Scenario, later, load_scenario, scenario_names
+from crowdbench.scenario import (
+    Arena,
+    Odometry,
+    Scenario,
+    later,
+    load_scenario,
+    scenario_names,
+)
 from crowdbench.scenario.recorded import Recording
 
 DIGESTS = {
@@ -45,6 +52,13 @@ LATER_FIELDS: dict[str, object] = {
     "pedestrians.recording.fps": None,
     "pedestrians.recording.route": "across",
     "pedestrians.recording.sha256": "",
+    "robots.latency": 0,
+    "robots.odometry": Odometry(),
+    "robots.odometry.rotation": 0.0,
+    "robots.odometry.rotation_by_translation": 0.0,
+    "robots.odometry.translation": 0.0,
+    "robots.odometry.translation_by_rotation": 0.0,
+    "lidar.mount": (0.0, 0.0, 0.0),
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
