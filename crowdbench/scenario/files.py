@@ -131,8 +131,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
             f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
         )
     document = _read(path)
-    if isinstance(path, Path):
-        _locate_recording(document, path.parent)
+    _locate(document, Path(str(path)).parent)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
     document.pop("order", None)
@@ -147,8 +146,11 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     return merge(beneath, document)
 
 
-def _locate_recording(document: dict[str, Any], folder: Path) -> None:
-    """Paths in a scenario's file start where it is."""
+def _locate(document: dict[str, Any], folder: Path) -> None:
+    """Make paths in a scenario's file, which start where it is, ones that start anywhere."""
+    arena = document.get("arena")
+    if isinstance(arena, dict) and isinstance(arena.get("image"), str):
+        arena["image"] = str(folder / arena["image"])
     people = document.get("pedestrians")
     if not isinstance(people, dict):
         return

@@ -64,6 +64,12 @@ class Pedestrians(Section):
     leg: Positive = Field(
         4.0, le=200, description="least distance from a leg's start to its goal [m]"
     )
+    leg_from: Literal["position", "goal"] = later(
+        "position",
+        "0.2",
+        description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
+        "do not depend on what was in the way",
+    )
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"
     )

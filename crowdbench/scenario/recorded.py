@@ -69,8 +69,10 @@ def completed(scenario: Scenario) -> dict[str, Any]:
         raise ValueError("pedestrians.recording: missing; allowed: the path of a recording")
     if people.control != "scripted":
         raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
-    if arena.kind == "corridor":
-        raise ValueError("arena.kind: 'corridor'; allowed: open, as recordings have their walls")
+    if arena.kind != "open":
+        raise ValueError(
+            f"arena.kind: {arena.kind!r}; allowed for recorded people: open"
+        )
     if scenario.obstacles.count:
         raise ValueError("obstacles.count: allowed with pedestrians.model 'recorded': 0")
     recording, digest = load(people.recording)
@@ -80,7 +82,7 @@ def completed(scenario: Scenario) -> dict[str, Any]:
             f"pedestrians.recording: {count} people within time_limit {scenario.time_limit:g} s; "
             f"allowed: {MOST}, with a shorter one"
         )
-    low, high = bounds(recording)
+    low, high = _bounds(recording)
     span = max(robots.travel, 2 * robots.length) + 2 * _MARGIN
     length, width = (float(max(side + 2 * _MARGIN, span)) for side in high - low)
     return {
@@ -116,8 +118,14 @@ def load(settings: Recording) -> tuple[CrowdRecording, str]:
     return found
 
 
-def bounds(recording: CrowdRecording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Least and largest x and y of people and walls, each (2,) [m]; between them is the origin."""
+def origin(recording: CrowdRecording) -> NDArray[np.float64]:
+    """(2,) the point of a recording that is the world's origin: the centre of all of it [m]."""
+    low, high = _bounds(recording)
+    return (low + high) / 2
+
+
+def _bounds(recording: CrowdRecording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and largest x and y of people and walls, each (2,) [m]."""
     places = np.concatenate([np.stack(recording.extent), *recording.walls])
     return places.min(axis=0), places.max(axis=0)
 

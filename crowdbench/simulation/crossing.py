@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from crowdbench.people import CrowdRecording
 from crowdbench.scenario import NoRoomError, Scenario
-from crowdbench.scenario.recorded import bounds, load
+from crowdbench.scenario.recorded import load, origin
 from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.layout import WALL_CLEARANCE, Layout
 from crowdbench.simulation.recorded import Tracks, away, distances
+from crowdbench.simulation.walls import walls_of
 
 NEAR = 1.0
 """Somebody has to come this near to a robot's way, or nobody is crossed [m]."""
@@ -37,9 +38,7 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
     """
     settings = scenario.pedestrians.recording
     recording, _ = load(settings)
-    low, high = bounds(recording)
-    centre = (low + high) / 2
-    walls = recording.segments - np.tile(centre, 2)
+    centre, walls = origin(recording), walls_of(scenario)
     rng = streams.layout(seed)
     robots, count = scenario.robots, scenario.pedestrians.count
     speed = max(map(abs, robots.speed))

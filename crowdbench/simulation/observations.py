@@ -14,8 +14,8 @@ from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
-from crowdbench.simulation.lanes import wall_count
 from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
 
 
@@ -56,6 +56,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
     Positions of pedestrians who are not there are NaN.
     """
     r, p, k = scenario.robots.count, scenario.pedestrians.count, scenario.obstacles.count
+    walls = len(walls_of(scenario))
 
     def real(*shape: int) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, np.float64)
@@ -88,7 +89,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_next_goal": real(p, 2),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
             "obstacles": real(k, 3),
-            "walls": real(wall_count(scenario), 4),
+            "walls": real(walls, 4),
             **recorded,
         }
     )

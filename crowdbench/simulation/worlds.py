@@ -29,6 +29,7 @@ from crowdbench.simulation.lanes import (
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
+from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
@@ -50,6 +51,7 @@ class Prepared(NamedTuple):
     corners: list[tuple[float, float]]
     noisy: bool
     drifts: bool
+    places: Places | None
 
 
 @dataclass
@@ -111,7 +113,7 @@ class Worlds:
         """
         prepared = self._prepare(scenario)
         model = make_walking_model(scenario)
-        layout = place(scenario, seed)
+        layout = place(scenario, seed, prepared.places)
         state = self.state
         state.worlds[lane] = prepared.world
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
@@ -238,6 +240,7 @@ class Worlds:
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 scenario.robots.odometry != Odometry(),
+                places_of(scenario),
             )
         return self._prepared[id(scenario)]
 
@@ -266,8 +269,8 @@ class Worlds:
         people["speed"] = low + (high - low) * draws[:, 0]
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
-        people["position"] = layout.pedestrian_position
         people["present"] = True
+        people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
         people["radius"] = settings.radius
         if layout.tracks is not None:

@@ -214,7 +214,7 @@ def test_a_path_starts_at_the_scenarios_file(recording):
         ({"pedestrians.recording.file": ""}, "pedestrians.recording: missing"),
         ({"pedestrians.model": "orca"}, "allowed: none, or pedestrians.model 'recorded'"),
         ({"pedestrians.control": "agents"}, "pedestrians.control"),
-        ({"arena.kind": "corridor"}, "recordings have their walls"),
+        ({"arena.kind": "corridor"}, "allowed for recorded people: open"),
         ({"obstacles.count": 2}, "obstacles.count"),
         ({"pedestrians.recording.sha256": "0" * 64}, "is another file than the one noted"),
         ({"pedestrians.recording.unit": "cm"}, "positions in m, and cm is given"),
