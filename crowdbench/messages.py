@@ -138,12 +138,16 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     if item["type"] == "invalid_key":
         section = f"{'.'.join(map(str, item['loc'][:-1]))}: " if item["loc"][:-1] else ""
         return f"{section}the key {short(item['input'])} is not a name"
+    annotation, metadata = places[-1]
     if item["type"] == "value_error":
         text = str(item["ctx"]["error"])
-        return f"{field}: {text}" if field else text
-    annotation, metadata = places[-1]
+        # What a section as a whole complains of begins with the name of a field.
+        whole = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+        return f"{field}{'.' if whole else ': '}{text}" if field else text
     if item["type"] in _OUT_OF_RANGE:
+        union = get_origin(annotation) in (Union, types.UnionType)
         limits = _limits(_unwrapped(annotation, metadata)[1])
+        limits = allowed(annotation, metadata) if union else limits
         return f"{field}: {value} is out of range; allowed: {limits}"
     if isinstance(item["loc"][-1] if item["loc"] else None, int):
         annotation, metadata = places[-2]

@@ -108,6 +108,7 @@ PERSON = np.dtype(
         ("start", _REAL, 2),  # of the leg
         ("next_goal", _REAL, 2),  # after a switch
         ("speed", _REAL),  # preferred, never exceeded
+        ("acceleration", _REAL),  # limit on the change of velocity, inf without one
         ("radius", _REAL),
         ("intent", _WHOLE),  # index into INTENTS
         ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept

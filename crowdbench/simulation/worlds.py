@@ -27,11 +27,12 @@ from crowdbench.simulation.lanes import (
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
-from crowdbench.simulation.motion import move
+from crowdbench.simulation.motion import limit_changes, move
 from crowdbench.simulation.pedestrians import begin_legs, decide, look
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.sensing import add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
+from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
 Lanes = NDArray[np.int64]
@@ -86,6 +87,7 @@ class Worlds:
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
+        self._slow: set[int] = set()  # lanes in which people's accelerations are limited
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -128,6 +130,8 @@ class Worlds:
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
+        slow = scenario.pedestrians.acceleration is not None
+        (self._slow.add if slow else self._slow.discard)(lane)
         self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, noise)
         if before is not None:
             before.bodies.free()
@@ -165,6 +169,8 @@ class Worlds:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
+        if slow := self._slow.intersection(lanes.tolist()):
+            limit_changes(np.array(sorted(slow)), s.worlds, s.people)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
         if stuck >= 0:
             scenario = self.episode(stuck).prepared.scenario
@@ -224,12 +230,12 @@ class Worlds:
         """Begin the first legs; returns where later ones are drawn from."""
         s, settings = self.state, scenario.pedestrians
         people = s.people[lane, : settings.count]
-        low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
         draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
         for row, stream in zip(draws, drawing, strict=True):
             stream.random(out=row)
-        people["speed"] = low + (high - low) * draws[:, 0]
+        people["speed"] = preferred_speeds(settings, draws[:, 0])
+        people["acceleration"] = settings.acceleration or np.inf
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
         people["position"] = layout.pedestrian_position

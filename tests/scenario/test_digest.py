@@ -38,6 +38,9 @@ FIRST_FIELDS = {
 LATER_FIELDS: dict[str, object] = {
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
+    "pedestrians.speed_mean": None,
+    "pedestrians.speed_deviation": None,
+    "pedestrians.acceleration": None,
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
