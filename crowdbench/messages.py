@@ -128,7 +128,10 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     places = list(_walk(item["loc"], model))
-    field = ".".join(part for part in item["loc"] if isinstance(part, str))
+    words = [part for part in item["loc"] if isinstance(part, str)]
+    if item["type"] != "extra_forbidden":  # a union's branches have names in brackets
+        words = [word for word in words if not word.startswith("<")]
+    field = ".".join(words)
     field = field if len(field) <= MAX_LENGTH else f"{field[: MAX_LENGTH - 3]}..."
     value = short(item["input"])
     if item["type"] == "extra_forbidden":

@@ -10,6 +10,7 @@ from crowdbench.extensions import WALKING_MODELS
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
     NonNegative,
+    OneOrRange,
     Positive,
     Range,
     Section,
@@ -20,6 +21,8 @@ from crowdbench.scenario.fields import (
     known,
 )
 
+Radius = Annotated[Positive, Field(le=2)]
+
 
 class Pedestrians(Section):
     """The people: how many, how they walk, where to, and how many of them are reactive."""
@@ -27,7 +30,9 @@ class Pedestrians(Section):
     count: Annotated[int, Field(ge=0, le=500, strict=True), Whole] = Field(
         8, description="how many"
     )
-    radius: Positive = Field(0.25, le=2, description="of everybody [m]")
+    radius: OneOrRange[Radius] = Field(
+        0.25, description="of everybody, or a range from which each person's is drawn [m]"
+    )
     speed: Range[Speed] = Field(
         (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
     )
@@ -68,6 +73,11 @@ class Pedestrians(Section):
     spawn_clearance: NonNegative = Field(
         1.0, le=200, description="least gap between a pedestrian and a robot's start, surfaces [m]"
     )
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """The smallest and the largest radius [m]."""
+        return self.radius if isinstance(self.radius, tuple) else (self.radius, self.radius)
 
     @model_validator(mode="after")
     def _speeds_can_be_drawn(self) -> Pedestrians:

@@ -102,7 +102,7 @@ class Renderer:
             brush.glaze(points, _robot(index), share=0.14 if len(scans) == 1 else 0.07)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
-        _draw_pedestrians(brush, state, self._scenario.pedestrians.radius)
+        _draw_pedestrians(brush, state)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
             for point in points[-len(hits) :][hits]:
@@ -277,10 +277,11 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
 
 
-def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]], radius: float) -> None:
-    for position, velocity, reactive in zip(
+def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    for position, velocity, radius, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_velocity"],
+        state["pedestrian_radius"],
         state["pedestrian_reactive"],
         strict=True,
     ):

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Pedestrians
+from crowdbench.simulation import streams
 
 _LEAST, _MOST = 2.0**-1000, 1.0 - 2.0**-53
 """Probabilities between which a normal distribution has quantiles."""
+
+
+def draw_radii(people: Pedestrians, seed: int) -> NDArray[np.float64]:
+    """(P,) radii of everybody in an episode, uniform within ``radius`` [m]."""
+    low, high = people.radii
+    if low == high:
+        return np.full(people.count, low)
+    return np.array([streams.traits(seed, p).uniform(low, high) for p in range(people.count)])
 
 
 def preferred_speeds(people: Pedestrians, draws: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -26,6 +36,11 @@ def preferred_speeds(people: Pedestrians, draws: NDArray[np.float64]) -> NDArray
     if people.speed_mean is None or people.speed_deviation is None:
         return np.asarray(low + (high - low) * draws)
     normal = NormalDist(people.speed_mean, people.speed_deviation)
-    below, within = normal.cdf(low), normal.cdf(high) - normal.cdf(low)
+    # Not its own ``cdf``, which rounds otherwise in other versions of Python.
+    below, up_to = (
+        0.5 * math.erfc((normal.mean - bound) / (normal.stdev * math.sqrt(2.0)))
+        for bound in (low, high)
+    )
+    within = up_to - below
     shares = [min(max(below + within * draw, _LEAST), _MOST) for draw in draws.tolist()]
     return np.array([min(max(normal.inv_cdf(share), low), high) for share in shares])

@@ -115,7 +115,7 @@ class Worlds:
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            scenario.pedestrians.radius,
+            layout.pedestrian_radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
@@ -240,7 +240,7 @@ class Worlds:
         people["drawn"] = 0
         people["position"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = settings.radius
+        people["radius"] = layout.pedestrian_radius
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
@@ -276,7 +276,7 @@ class Worlds:
             heading=people["heading"].copy(),
             goal=people["goal"].copy(),
             preferred_speed=people["speed"].copy(),
-            radius=scenario.pedestrians.radius,
+            radius=people["radius"].copy(),
             present=np.ones(count, dtype=np.bool_),
             sees_robot=self.state.sees[lane, :count].copy(),
             robot_position=robots["pose"][:, :2].copy(),
