@@ -94,7 +94,7 @@ class Orca(crowdbench.Agent):
             velocity[None],
             preferred[None],
             np.array([robot.speed[1]]),
-            robot.radius + self._margin,
+            np.array([robot.radius + self._margin]),
             np.ones((1, len(moving)), dtype=np.bool_),
             np.ascontiguousarray(moving[:, :2]),
             np.ascontiguousarray(moving[:, 2:4]),

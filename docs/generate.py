@@ -57,8 +57,8 @@ def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
 def _allowed(field: dict[str, Any]) -> str:
     if "enum" in field:
         return ", ".join(f"`{word}`" for word in field["enum"])
-    if "anyOf" in field:
-        return " or ".join(_allowed(option) for option in field["anyOf"])
+    if options := field.get("anyOf") or field.get("oneOf"):
+        return " or ".join(map(_allowed, options))
     if "prefixItems" in field:
         return f"two numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
     if "minimum" in field and "maximum" in field:

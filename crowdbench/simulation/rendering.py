@@ -103,7 +103,7 @@ class Renderer:
             brush.glaze(points, _robot(index), share=0.14 if len(scans) == 1 else 0.07)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
-        _draw_pedestrians(brush, people, self._scenario.pedestrians.radius)
+        _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
             for point in points[-len(hits) :][hits]:
@@ -264,7 +264,7 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
 def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What is known of the pedestrians who are there."""
     there = np.isfinite(state["pedestrian_position"][:, 0])
-    names = ("position", "velocity", "goal", "reactive")
+    names = ("position", "velocity", "goal", "radius", "reactive")
     return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
@@ -286,10 +286,11 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
 
 
-def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]], radius: float) -> None:
-    for position, velocity, reactive in zip(
+def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    for position, velocity, radius, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_velocity"],
+        state["pedestrian_radius"],
         state["pedestrian_reactive"],
         strict=True,
     ):

@@ -33,15 +33,16 @@ def observe(
         beams: (beams, 3) from ``beam_table``.
         seen: written.
     """
-    position = np.empty((people.shape[1], 2))
+    discs = np.empty((people.shape[1], 3))
     sensor = np.empty(3)
     segments = np.empty((walls.shape[1] + 4 * robots.shape[1], 4))
     for i in range(len(lanes)):
         lane = lanes[i]
         world = worlds[lane]
         for p in range(world.people):
-            position[p, 0] = people[lane, p].position[0]
-            position[p, 1] = people[lane, p].position[1]
+            person = people[lane, p]
+            discs[p, 0], discs[p, 1] = person.position[0], person.position[1]
+            discs[p, 2] = person.radius
         for s in range(world.walls):
             for column in range(4):
                 segments[s, column] = walls[lane, s, column]
@@ -54,8 +55,7 @@ def observe(
             robot.nearest = cast_rays(
                 sensor,
                 beams,
-                position[: world.people],
-                world.radius,
+                discs[: world.people],
                 obstacles[lane, : world.obstacles],
                 segments[:filled],
                 world.range,

@@ -24,6 +24,7 @@ class Pedestrians(NamedTuple):
         position, velocity: (P, 2) [m], [m/s].
         goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
         speed: (P,) preferred speed, never exceeded [m/s].
+        acceleration: (P,) limit on the change of velocity, inf without one [m/s^2].
         radius: (P,) of the discs that they are [m].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
@@ -38,6 +39,7 @@ class Pedestrians(NamedTuple):
     start: NDArray[np.float64]
     next_goal: NDArray[np.float64]
     speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
     radius: NDArray[np.float64]
     intent: NDArray[np.int64]
     switch_time: NDArray[np.float64]

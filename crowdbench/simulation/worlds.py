@@ -30,13 +30,14 @@ from crowdbench.simulation.lanes import (
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.map_layout import Places, places_of
-from crowdbench.simulation.motion import move
+from crowdbench.simulation.motion import limit_changes, move
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.sensing import add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
+from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
 Lanes = NDArray[np.int64]
@@ -97,6 +98,7 @@ class Worlds:
         self._noisy: set[int] = set()
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
+        self._slow: set[int] = set()  # lanes in which people's accelerations are limited
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -124,7 +126,7 @@ class Worlds:
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            scenario.pedestrians.radius,
+            layout.pedestrian_radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
@@ -146,6 +148,8 @@ class Worlds:
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
+        slow = scenario.pedestrians.acceleration is not None
+        (self._slow.add if slow else self._slow.discard)(lane)
         self.episodes[lane] = Episode(
             prepared, seed, layout, bodies, model, drawing, noise, drifting
         )
@@ -188,6 +192,8 @@ class Worlds:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
+        if slow := self._slow.intersection(lanes.tolist()):
+            limit_changes(np.array(sorted(slow)), s.worlds, s.people)
         if s.under_way.shape[2]:
             commands = self._delay(lanes, commands)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
@@ -261,18 +267,18 @@ class Worlds:
         """Begin the first legs; returns where later ones are drawn from."""
         s, settings = self.state, scenario.pedestrians
         people = s.people[lane, : settings.count]
-        low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
         draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
         for row, stream in zip(draws, drawing, strict=True):
             stream.random(out=row)
-        people["speed"] = low + (high - low) * draws[:, 0]
+        people["speed"] = preferred_speeds(settings, draws[:, 0])
+        people["acceleration"] = settings.acceleration or np.inf
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
         people["present"] = True
         people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = settings.radius
+        people["radius"] = layout.pedestrian_radius
         if layout.tracks is not None:
             self._follow(people, layout.tracks)
             return drawing
@@ -343,7 +349,7 @@ class Worlds:
             heading=people["heading"].copy(),
             goal=people["goal"].copy(),
             preferred_speed=people["speed"].copy(),
-            radius=scenario.pedestrians.radius,
+            radius=people["radius"].copy(),
             present=people["present"].copy(),
             sees_robot=self.state.sees[lane, :count].copy(),
             robot_position=robots["pose"][:, :2].copy(),
