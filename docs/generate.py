@@ -64,13 +64,14 @@ def _allowed(field: dict[str, Any]) -> str:
     if "anyOf" in field:
         return " or ".join(_allowed(option) for option in field["anyOf"])
     if "prefixItems" in field:
-        count = {2: "two", 3: "three"}[len(field["prefixItems"])]
-        return f"{count} numbers, {_allowed(field['prefixItems'][0])}"
+        count = {2: "two", 3: "three", 4: "four"}[len(field["prefixItems"])]
+        return f"{count} numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
     if "minimum" in field and "maximum" in field:
         return f"{field['minimum']:g} to {field['maximum']:g}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}
     limits = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
     kinds = {"null": "`null`", "string": "text", "number": "any number"}
+    kinds |= {"array": "a list", "object": "a section"}
     return ", ".join(limits) or kinds[field["type"]]
 
 

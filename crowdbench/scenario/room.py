@@ -64,7 +64,7 @@ def misfit(scenario: Scenario) -> str:
                 f"{2 * half:g} m); allowed: -{half:g} to {half:g}"
             )
     longest = longest_travel(arena, robots)
-    if robots.travel > longest + _ROUNDING:
+    if robots.start is None and robots.travel > longest + _ROUNDING:
         across = 0.0 if arena.kind == "corridor" else arena.width - diameter
         length = diameter + math.sqrt(max(0.0, robots.travel**2 - across**2))
         return (

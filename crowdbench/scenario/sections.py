@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from crowdbench.extensions import DRIVES
+from crowdbench.messages import Form
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
     Mount,
@@ -23,16 +24,36 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
+from crowdbench.scenario.places import Box, Centre, Place, Polygons, Regions, Walls
 
 
 class Arena(Section):
     """Where the scene takes place; the origin is its centre, a corridor runs along x."""
 
-    kind: Literal["open", "corridor"] = Field(
-        "open", description="a corridor has walls on its long sides"
+    kind: Literal["open", "corridor", "map"] = Field(
+        "open", description="a corridor has walls on its long sides, a map those that it says"
     )
-    length: Positive = Field(10.0, le=200, description="extent along x [m]")
-    width: Positive = Field(10.0, le=200, description="extent along y [m]")
+    length: Positive = Field(10.0, le=200, description="extent along x [m]; an image says its own")
+    width: Positive = Field(10.0, le=200, description="extent along y [m]; an image says its own")
+    walls: Walls = later((), "0.2", description="map: thin walls [x1, y1, x2, y2] [m]")
+    polygons: Polygons = later((), "0.2", description="map: what is solid, by its corners [m]")
+    image: Annotated[Text, Form("the name of a YAML file of map_server")] | None = later(
+        None,
+        "0.2",
+        description="map: YAML file of map_server; read once, what it shows becomes polygons",
+    )
+    regions: Regions = later(
+        {}, "0.2", description="by name: [x_min, y_min, x_max, y_max] or corners of a polygon [m]"
+    )
+    centre: Centre = later(
+        (0.0, 0.0), "0.2", description="map: of the area [m]; an image says its own"
+    )
+
+    @property
+    def bounds(self) -> Box:
+        """x_min, y_min, x_max, y_max [m]"""
+        (x, y), half_length, half_width = self.centre, self.length / 2, self.width / 2
+        return x - half_length, y - half_width, x + half_length, y + half_width
 
 
 class Odometry(Section):
@@ -82,7 +103,19 @@ class Robots(Section):
     odometry: Odometry = later(
         Odometry(), "0.2", description="drift of what the robot believes of its pose"
     )
-    travel: Positive = Field(8.0, le=200, description="straight distance from start to goal [m]")
+    travel: Positive = Field(
+        8.0, le=200, description="straight distance from start to goal [m]; unless both are given"
+    )
+    start: Place = later(
+        None, "0.2", description="region of arena.regions, or point [x, y], where robots begin"
+    )
+    goal: Place = later(None, "0.2", description="region or point that they drive to")
+    look_ahead: Positive = later(
+        3.0,
+        "0.2",
+        le=200,
+        description="map: how far ahead on the shortest path the observed goal is at most [m]",
+    )
     goal_tolerance: Positive = Field(0.3, le=5, description="arrival distance [m]")
 
 

@@ -18,6 +18,7 @@ from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation.chipmunk import CONTACT
 from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.substeps import half_extent
+from crowdbench.simulation.walls import walls_of
 
 CANDIDATES = 16
 """Places that are drawn for either goal of a leg."""
@@ -62,6 +63,7 @@ WORLD = np.dtype(
         ("responsibility", _REAL),
         ("switch_probability", _REAL),  # 0 where goals are unimodal
         ("leg", _REAL),
+        ("from_goal", _FLAG),  # legs start from the last goal
         ("walks_on", _FLAG),  # on arrival
         ("half_extent", _REAL),  # of the smallest body that moves
         ("arrival", _REAL),
@@ -115,6 +117,7 @@ PERSON = np.dtype(
         ("intent", _WHOLE),  # index into INTENTS
         ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept
         ("deadline", _REAL),  # when the leg is given up
+        ("present", _FLAG),  # in the scene; others are kept far away from it
         ("reactive", _FLAG),  # sees the robots
         ("preferred", _REAL, 2),  # velocity if nobody was in the way
         ("chosen", _REAL, 2),  # velocity for this control period
@@ -167,18 +170,13 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         robots=make(ROBOT, robots),
         people=make(PERSON, people),
         obstacles=make(_REAL, obstacles, 3),
-        walls=make(_REAL, max(map(wall_count, scenarios)), 4),
+        walls=make(_REAL, max(len(walls_of(scenario)) for scenario in scenarios), 4),
         sees=make(_FLAG, people, robots),
         draws=make(_REAL, people, LEGS_AHEAD, DRAWS),
         contacts=make(_REAL, robots, CONTACT),
         under_way=make(_REAL, robots, scenarios[0].robots.latency, 2),
         seen=make(np.float32, robots, PROPRIOCEPTION + beams),
     )
-
-
-def wall_count(scenario: Scenario) -> int:
-    """A corridor has two, an open arena none."""
-    return 2 if scenario.arena.kind == "corridor" else 0
 
 
 def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
@@ -200,14 +198,15 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "goal_tolerance": robots.goal_tolerance,
         "range": scenario.lidar.range,
         "obstacles": scenario.obstacles.count,
-        "walls": wall_count(scenario),
+        "walls": len(walls_of(scenario)),
         "people": people.count,
         "radius": people.radius,
         "half_view": np.deg2rad(people.field_of_view) / 2,
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
-        "walks_on": people.on_arrival == "new_goal",
+        "walks_on": people.on_arrival == "new_goal" and not people.recording.file,
+        "from_goal": people.leg_from == "goal",
         "half_extent": half_extent(scenario),
         **scenario.reward.model_dump(),
     }

@@ -6,6 +6,7 @@ noise, and what is drawn for an episode stay in Python, in the lanes that need t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -28,9 +29,11 @@ from crowdbench.simulation.lanes import (
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
+from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.odometry import DriftingOdometry
-from crowdbench.simulation.pedestrians import begin_legs, decide, look
+from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
+from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.sensing import add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
@@ -48,6 +51,7 @@ class Prepared(NamedTuple):
     corners: list[tuple[float, float]]
     noisy: bool
     drifts: bool
+    places: Places | None
 
 
 @dataclass
@@ -91,6 +95,7 @@ class Worlds:
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
+        self._recorded: set[int] = set()
         self._drifting: set[int] = set()
 
     def episode(self, lane: int) -> Episode:
@@ -108,7 +113,7 @@ class Worlds:
         """
         prepared = self._prepare(scenario)
         model = make_walking_model(scenario)
-        layout = place(scenario, seed)
+        layout = place(scenario, seed, prepared.places)
         state = self.state
         state.worlds[lane] = prepared.world
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
@@ -123,6 +128,7 @@ class Worlds:
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
+            apart=layout.tracks is not None,
         )
         state.worlds["space"][lane] = bodies.space
         state.robots["body"][lane] = bodies.addresses[: state.robots.shape[1]]
@@ -137,6 +143,7 @@ class Worlds:
         ]
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
+        (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
         self.episodes[lane] = Episode(
@@ -144,6 +151,9 @@ class Worlds:
         )
         if before is not None:
             before.bodies.free()
+        if isinstance(model, Recorded):
+            assert layout.tracks is not None
+            model.follow(layout.tracks)
         if self._kernels[lane] is None:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
             model.reset(self._crowd(lane), streams.walking(seed))
@@ -186,6 +196,8 @@ class Worlds:
             physics(scenario, float(s.worlds["bias"][stuck]))
         for i in np.flatnonzero(s.worlds["drive"][lanes] == kinematics.OTHER).tolist():
             self._move_by_drive(int(lanes[i]), commands[i])
+        for lane in self._recorded.intersection(lanes.tolist()):
+            self._come_and_go(lane)
 
     def observe(self, lanes: Lanes) -> None:
         """Write what robots see, and how near the nearest thing is, into ``state``."""
@@ -228,6 +240,7 @@ class Worlds:
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 scenario.robots.odometry != Odometry(),
+                places_of(scenario),
             )
         return self._prepared[id(scenario)]
 
@@ -256,15 +269,45 @@ class Worlds:
         people["speed"] = low + (high - low) * draws[:, 0]
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
-        people["position"] = layout.pedestrian_position
+        people["present"] = True
+        people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
         people["radius"] = settings.radius
+        if layout.tracks is not None:
+            self._follow(people, layout.tracks)
+            return drawing
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
         people["velocity"] = people["speed"][:, None] * directions
         return drawing
+
+    @staticmethod
+    def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
+        """Begin as recorded."""
+        people["start"], people["goal"], people["speed"] = tracks.ways()
+        people["next_goal"], people["intent"] = people["goal"], KEEP
+        people["switch_time"] = people["deadline"] = np.inf
+        people["velocity"] = tracks.velocity(0)
+        people["present"] = np.isfinite(tracks.at(0)[:, 0])
+        people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]
+
+    def _come_and_go(self, lane: int) -> None:
+        """Let recorded people appear and leave, at the end of a control period."""
+        episode, people = self.episode(lane), self.state.people[lane]
+        assert isinstance(episode.model, Recorded)
+        tracks = episode.model.tracks
+        step = round(
+            float(self.state.worlds["time"][lane]) / episode.prepared.scenario.control_period
+        )
+        present = episode.model.present(self._crowd(lane), step)
+        places = np.where(present[:, None], tracks.at(step), away(len(present)))
+        for p in np.flatnonzero(present != people["present"][: len(present)]).tolist():
+            people["present"][p] = present[p]
+            people["position"][p] = places[p]
+            people["velocity"][p] = tracks.velocity(step)[p] if present[p] else 0.0
+            episode.bodies.place(p, *places[p].tolist())
 
     def _delay(self, lanes: Lanes, commands: NDArray[np.float64]) -> NDArray[np.float64]:
         """The commands (M, R, 2) that act now; the given ones join those under way."""
@@ -301,7 +344,7 @@ class Worlds:
             goal=people["goal"].copy(),
             preferred_speed=people["speed"].copy(),
             radius=scenario.pedestrians.radius,
-            present=np.ones(count, dtype=np.bool_),
+            present=people["present"].copy(),
             sees_robot=self.state.sees[lane, :count].copy(),
             robot_position=robots["pose"][:, :2].copy(),
             robot_velocity=robots["world_velocity"].copy(),
