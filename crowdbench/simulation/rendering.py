@@ -235,11 +235,14 @@ def _scale_bar(length: float) -> float:
 
 
 def _scan_points(pose: Points, scan: NDArray[Any], spec: RobotSpec) -> Points:
-    """World positions where the beams end [m], after the robot's own unless it sees all around."""
+    """World positions where the beams end [m], after the LiDAR's unless it sees all around."""
     angles = pose[2] + spec.lidar_angles
-    ends = pose[:2] + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    all_around = len(angles) > 2 and spec.lidar_angles[0] == 0.0
-    return ends if all_around else np.vstack([pose[None, :2], ends])
+    x, y, turn = spec.lidar_mount
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    lidar = pose[:2] + np.array([cosine * x - sine * y, sine * x + cosine * y])
+    ends = lidar + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    all_around = len(angles) > 2 and spec.lidar_angles[0] == turn
+    return ends if all_around else np.vstack([lidar[None], ends])
 
 
 def _draw_floor(brush: Brush, view: View) -> None:

@@ -132,7 +132,7 @@
     }
 
     ends(frame) {
-      const [x, y, heading] = frame.robot;
+      const [x, y, heading] = crowdbench.sensor(frame.robot, this.lidar);
       return crowdbench.beams(this.lidar).map((angle, i) => [
         x + this.scan[i] * Math.cos(heading + angle), y + this.scan[i] * Math.sin(heading + angle)]);
     }
@@ -140,7 +140,7 @@
     fan(frame) {
       const ends = this.ends(frame);
       this.context.globalAlpha = 0.14;
-      this.polygon(this.lidar.degrees >= 360 ? ends : [frame.robot, ...ends], GREEN);
+      this.polygon(this.lidar.degrees >= 360 ? ends : [crowdbench.sensor(frame.robot, this.lidar), ...ends], GREEN);
       this.context.globalAlpha = 1;
     }
 
