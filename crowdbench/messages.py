@@ -131,6 +131,8 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     # Numbers tell the sections of a list apart; the last one is a place in a pair.
     *sections, last = item["loc"] or ("",)
     words = [str(part) for part in sections] + [last] * isinstance(last, str)
+    if item["type"] != "extra_forbidden":  # a union's branches have names in brackets
+        words = [word for word in words if not word.startswith("<")]
     field = ".".join(words)
     field = field if len(field) <= MAX_LENGTH else f"{field[: MAX_LENGTH - 3]}..."
     value = short(item["input"])
@@ -141,12 +143,16 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     if item["type"] == "invalid_key":
         section = f"{'.'.join(map(str, item['loc'][:-1]))}: " if item["loc"][:-1] else ""
         return f"{section}the key {short(item['input'])} is not a name"
+    annotation, metadata = places[-1]
     if item["type"] == "value_error":
         text = str(item["ctx"]["error"])
-        return f"{field}: {text}" if field else text
-    annotation, metadata = places[-1]
+        # What a section as a whole complains of begins with the name of a field.
+        whole = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+        return f"{field}{'.' if whole else ': '}{text}" if field else text
     if item["type"] in _OUT_OF_RANGE:
+        union = get_origin(annotation) in (Union, types.UnionType)
         limits = _limits(_unwrapped(annotation, metadata)[1])
+        limits = allowed(annotation, metadata) if union else limits
         return f"{field}: {value} is out of range; allowed: {limits}"
     if item["type"] == "missing":
         return f"{field}: missing; expected {allowed(annotation, metadata)}"

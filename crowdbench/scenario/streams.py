@@ -38,6 +38,8 @@ Streams = Annotated[
 def misrouted(scenario: Scenario) -> str:
     """Which stream does not fit the rest, with what is allowed; empty where all do."""
     streams, arena = scenario.pedestrians.streams, scenario.arena
+    if streams and scenario.pedestrians.recording.file:
+        return "pedestrians.streams: people walk as recorded; allowed: no pedestrians.recording"
     for i, stream in enumerate(streams):
         where = f"pedestrians.streams.{i}"
         for field, name in (

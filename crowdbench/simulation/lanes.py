@@ -39,6 +39,8 @@ TERMS = ("goal", "collision", "social")
 """Terms of the reward, in the order in which they are added."""
 PROPRIOCEPTION = 7
 """Numbers of an observation before the scan: velocity (2), goal (2), odometry (3)."""
+ODOMETRY = slice(4, 7)
+"""Where odometry is among them."""
 
 _WHOLE, _REAL, _FLAG, _ADDRESS = np.int64, np.float64, np.bool_, np.uint64
 
@@ -52,6 +54,7 @@ WORLD = np.dtype(
         ("drive", _WHOLE),  # which compiled one
         ("robot_length", _REAL),
         ("robot_width", _REAL),
+        ("mount", _REAL, 3),  # pose of the LiDAR on the robot
         ("robot_radius", _REAL),  # of the circle around the footprint, as pedestrians see it
         ("corner", _REAL),  # the same circle, as substeps are chosen by it
         ("reach", _REAL, 2),  # how far the velocity can change in a control period
@@ -61,7 +64,7 @@ WORLD = np.dtype(
         ("obstacles", _WHOLE),
         ("walls", _WHOLE),
         ("people", _WHOLE),
-        ("radius", _REAL),
+        ("largest_radius", _REAL),  # of a pedestrian
         ("half_view", _REAL),
         ("responsibility", _REAL),
         ("switch_probability", _REAL),  # 0 where goals are unimodal
@@ -116,10 +119,12 @@ PERSON = np.dtype(
         ("start", _REAL, 2),  # of the leg
         ("next_goal", _REAL, 2),  # after a switch
         ("speed", _REAL),  # preferred, never exceeded
+        ("acceleration", _REAL),  # limit on the change of velocity, inf without one
         ("radius", _REAL),
         ("intent", _WHOLE),  # index into INTENTS
         ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept
         ("deadline", _REAL),  # when the leg is given up
+        ("present", _FLAG),  # in the scene; others are kept far away from it
         ("reactive", _FLAG),  # sees the robots
         ("preferred", _REAL, 2),  # velocity if nobody was in the way
         ("chosen", _REAL, 2),  # velocity for this control period
@@ -133,10 +138,11 @@ WALK = np.dtype(
     [
         ("stream", _WHOLE),  # -1 without one
         ("stage", _WHOLE),  # regions on the way that lie behind
-        ("waiting", _WHOLE),  # control periods for which entering has been tried, plus 1; else 0
+        ("last", _WHOLE),  # regions on the way
+        ("waiting", _WHOLE),  # how often entering has been tried in vain
         ("intent", _WHOLE),  # of the leg, see PERSON
         ("when", _REAL),  # share of the leg after which it is interrupted
-        ("via", _REAL, (MOST_VIA, 2)),  # places in the regions on the way
+        ("stops", _REAL, (MOST_VIA + 1, 2)),  # places in the regions on the way, then the goal
         ("entries", _REAL, (ENTRIES, 2)),  # places where the leg may begin
         ("points", _REAL, (POINTS, 2)),  # of the way, from the person on
         ("count", _WHOLE),  # how many of them there are
@@ -161,6 +167,7 @@ class State(NamedTuple):
         sees: (L, P, R) which pedestrian sees which robot now.
         draws: (L, P, LEGS_AHEAD, DRAWS) in [0, 1), for the legs to come.
         contacts: (L, R, CONTACT) what each robot has touched first.
+        under_way: (L, R, latency, 2) commands that do not act yet, the next to act first.
         seen: (L, R, PROPRIOCEPTION + beams) what robots observe.
     """
 
@@ -173,6 +180,7 @@ class State(NamedTuple):
     sees: NDArray[np.bool_]
     draws: NDArray[np.float64]
     contacts: NDArray[np.float64]
+    under_way: NDArray[np.float64]
     seen: NDArray[np.float32]
 
 
@@ -195,6 +203,7 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         sees=make(_FLAG, people, robots),
         draws=make(_REAL, people, LEGS_AHEAD, DRAWS),
         contacts=make(_REAL, robots, CONTACT),
+        under_way=make(_REAL, robots, scenarios[0].robots.latency, 2),
         seen=make(np.float32, robots, PROPRIOCEPTION + beams),
     )
 
@@ -205,11 +214,12 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
     values = {
         "period": scenario.control_period,
         "least_steps": scenario.substeps,
-        "half_length": arena.length / 2 - people.radius,
-        "half_width": arena.width / 2 - people.radius,
+        "half_length": arena.length / 2 - people.radii[1],
+        "half_width": arena.width / 2 - people.radii[1],
         "drive": kind,
         "robot_length": robots.length,
         "robot_width": robots.width,
+        "mount": scenario.lidar.mount,
         "robot_radius": np.hypot(robots.length, robots.width) / 2,
         "corner": robot_radius(robots),
         "reach": np.array(robots.acceleration or (np.inf, np.inf)) * scenario.control_period,
@@ -219,13 +229,13 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "obstacles": scenario.obstacles.count,
         "walls": len(walls_of(scenario)),
         "people": people.count,
-        "radius": people.radius,
+        "largest_radius": people.radii[1],
         "half_view": np.deg2rad(people.field_of_view) / 2,
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
+        "walks_on": people.on_arrival == "new_goal" and not people.recording.file,
         "from_goal": people.leg_from == "goal",
-        "walks_on": people.on_arrival == "new_goal",
         "half_extent": half_extent(scenario),
         **scenario.reward.model_dump(),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,11 @@ from crowdbench.simulation import streams
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
 from crowdbench.simulation.routes import Routes
 from crowdbench.simulation.spreading import spread
+from crowdbench.simulation.traits import draw_radii
 from crowdbench.simulation.walls import walls_of
+
+if TYPE_CHECKING:
+    from crowdbench.simulation.recorded import Tracks
 
 OBSTACLE_CLEARANCE = 1.0
 """Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
@@ -38,8 +43,10 @@ class Layout:
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
+        pedestrian_radius: (P,) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
         pedestrian_stage: (P,) regions on the way of its stream that each has passed.
+        tracks: by which they walk where they do so as recorded.
     """
 
     robot_pose: NDArray[np.float64]
@@ -47,8 +54,10 @@ class Layout:
     obstacles: NDArray[np.float64]
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
+    pedestrian_radius: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
     pedestrian_stage: NDArray[np.int64]
+    tracks: Tracks | None = None
 
 
 def place(
@@ -66,13 +75,17 @@ def place(
         NoRoomError: there is no room; the message says what was placed and what was not.
         ScenarioError: a region has no room, whatever the seed.
     """
-    rng = streams.layout(seed)
+    if scenario.pedestrians.recording.file:
+        from crowdbench.simulation.crossing import place_crossing
+
+        return place_crossing(scenario, seed)
+    rng, radii = streams.layout(seed), draw_radii(scenario.pedestrians, seed)
     places = places or places_of(scenario)
     problems: list[NoPlaceError] = []
     for effort in (_CENTRED, _ANYWHERE, _DENSE):
         for _ in range(_LAYOUTS):
             try:
-                return _attempt(scenario, places, routes, rng, effort)
+                return _attempt(scenario, places, routes, radii, rng, effort)
             except NoPlaceError as error:
                 problems.append(error)
         if all(isinstance(problem, _CrowdedError) for problem in problems):
@@ -94,6 +107,7 @@ def _attempt(
     scenario: Scenario,
     places: Places | None,
     routes: Routes | None,
+    radii: NDArray[np.float64],
     rng: np.random.Generator,
     effort: int,
 ) -> Layout:
@@ -109,11 +123,11 @@ def _attempt(
     clearance = robot_radius(scenario.robots) + people.spawn_clearance
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
     fixed = len(taken)
-    taken = np.vstack([taken, np.full((people.count, 3), people.radius)])
+    taken = np.vstack([taken, np.column_stack([radii, radii, radii])])
     stage, placed = np.zeros(people.count, dtype=np.int64), 0
     if routes is not None:
         placed = spread(rng, routes, taken, fixed, stage)
-    half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
+    half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
     if places is None:
         placed += _place_discs(rng, half, taken, fixed + placed)
     else:
@@ -124,7 +138,7 @@ def _attempt(
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
-    return Layout(pose, goal, obstacles, walls, position, reactive, stage)
+    return Layout(pose, goal, obstacles, walls, position, radii, reactive, stage)
 
 
 def _place_robots(

@@ -32,23 +32,12 @@ Reals = NDArray[np.float64]
 Wholes = NDArray[np.int64]
 
 
-class Routes(NamedTuple):
-    """Arrays for compiled functions. A *table* is the places of a region that one kind may draw.
+class Network(NamedTuple):
+    """Where the ways of people lead, as compiled functions take it.
 
     Attributes:
         nodes, between, cores, reach: of the people's ``Ways``.
         walkable: share of the reach that a person fills.
-        robot_gap: least distance from a robot's centre to who enters, surface [m].
-        corner: (C, 2) lower left corners of squares in which places lie, of all tables [m].
-        begin: (T + 1,) where in ``corner`` each table begins.
-        side: of the squares [m].
-        outline: (Q, 2) corners of the tables' regions [m].
-        outline_begin: (T + 1,) where in ``outline`` each table's region begins.
-        streams: (N, 3 + MOST_VIA) tables of start and goal, number of regions on the way, their
-            tables.
-        exchange: (N, N) whether people of one stream may divert to the goal of another.
-        member: (P,) stream of every person, -1 without one; those walk between the places of the
-            last table.
     """
 
     nodes: Reals
@@ -56,21 +45,52 @@ class Routes(NamedTuple):
     cores: Reals
     reach: Reals
     walkable: float
-    robot_gap: float
+
+
+class Regions(NamedTuple):
+    """What people may draw, as compiled functions take it.
+
+    A *table* is the places of a region that one stream may draw; the last one is those that people
+    without a stream may.
+
+    Attributes:
+        corner: (C, 2) lower left corners of squares in which places lie, of all tables [m].
+        side: of the squares [m].
+        outline: (Q, 2) corners of the tables' regions [m].
+        tables: (T + 1, 2) where in ``corner`` and in ``outline`` each table begins.
+        streams: (N, 4 + MOST_VIA) connected area of each, number of its stops, table of its start,
+            tables of its stops: regions on the way, then the goal.
+        robot_gap: least distance from a robot's centre to the surface of who enters [m].
+    """
+
     corner: Reals
-    begin: Wholes
     side: float
     outline: Reals
-    outline_begin: Wholes
+    tables: Wholes
     streams: Wholes
-    exchange: NDArray[np.bool_]
+    robot_gap: float
+
+
+class Routes(NamedTuple):
+    """All of a scenario.
+
+    Attributes:
+        network: where the ways lead.
+        regions: what may be drawn.
+        member: (P,) stream of every person, -1 without one.
+    """
+
+    network: Network
+    regions: Regions
     member: Wholes
 
 
 def has_routes(scenario: Scenario) -> bool:
     """Whether people follow ways."""
     people = scenario.pedestrians
-    return people.count > 0 and (scenario.arena.kind == "map" or bool(people.streams))
+    if not people.count or people.recording.file:
+        return False
+    return scenario.arena.kind == "map" or bool(people.streams)
 
 
 def routes_of(scenario: Scenario) -> Routes:
@@ -103,42 +123,42 @@ def _routes(same: _Same) -> Routes:
     scenario = same.scenario
     arena, people = scenario.arena, scenario.pedestrians
     walls = walls_of(scenario)
-    ground = Ground(arena, walls, people.radius)
+    radius = people.radii[1]
+    ground = Ground(arena, walls, radius)
     # What is connected here is wide enough for people for certain, whatever their ways touch.
-    areas = np.asarray(ndimage.label(ground.free(people.radius))[0])
+    areas = np.asarray(ndimage.label(ground.free(radius))[0])
     tables: list[Mask] = []
     outlines: list[Reals] = []
-    streams = np.zeros((len(people.streams), 3 + MOST_VIA), dtype=np.int64)
-    area_of = []
+    streams = np.zeros((len(people.streams), 4 + MOST_VIA), dtype=np.int64)
     for i, stream in enumerate(people.streams):
         names = [stream.start, *stream.via, stream.goal]
         regions = [ground.within(arena.regions[name]) for name in names]
         area = _common_area(scenario, i, stream, [areas[region] for region in regions])
-        area_of.append(area)
-        streams[i, 0], streams[i, 1] = len(tables), len(tables) + len(names) - 1
-        streams[i, 2] = len(stream.via)
-        streams[i, 3 : 3 + len(stream.via)] = len(tables) + 1 + np.arange(len(stream.via))
+        streams[i, 0], streams[i, 1] = area, len(names) - 1
+        streams[i, 2 : 2 + len(names)] = len(tables) + np.arange(len(names))
         tables += [region & (areas == area) for region in regions]
         outlines += [np.array(corners(arena.regions[name])) for name in names]
     tables.append(areas == _main_area(scenario, ground, areas))
     outlines.append(np.empty((0, 2)))
     spots = [ground.spots(table) for table in tables]
     ways = _ways(scenario, walls, streams, [spot.corner for spot in spots])
-    of_streams = np.array(area_of)
+    begins = [np.cumsum([0, *map(len, rows)]) for rows in ([s.corner for s in spots], outlines)]
     return Routes(
-        nodes=ways.nodes,
-        between=ways.between,
-        cores=ways.cores,
-        reach=ways.reach,
-        walkable=people.radius / float(ways.reach[0]) if len(walls) else 1.0,
-        robot_gap=robot_radius(scenario.robots) + people.spawn_clearance,
-        corner=np.concatenate([spot.corner for spot in spots]),
-        begin=np.cumsum([0, *(len(spot.corner) for spot in spots)]),
-        side=ground.side,
-        outline=np.concatenate(outlines),
-        outline_begin=np.cumsum([0, *map(len, outlines)]),
-        streams=streams,
-        exchange=(of_streams[:, None] == of_streams) & ~np.eye(len(of_streams), dtype=np.bool_),
+        network=Network(
+            nodes=ways.nodes,
+            between=ways.between,
+            cores=ways.cores,
+            reach=ways.reach,
+            walkable=radius / float(ways.reach[0]) if len(walls) else 1.0,
+        ),
+        regions=Regions(
+            corner=np.concatenate([spot.corner for spot in spots]),
+            side=ground.side,
+            outline=np.concatenate(outlines),
+            tables=np.column_stack(begins),
+            streams=streams,
+            robot_gap=robot_radius(scenario.robots) + people.spawn_clearance,
+        ),
         member=_members(scenario),
     )
 
@@ -152,7 +172,7 @@ def _common_area(
         ScenarioError: there is none.
     """
     where = f"scenario {scenario.name!r}: pedestrians.streams.{index}"
-    radius = scenario.pedestrians.radius
+    radius = scenario.pedestrians.radii[1]
     fields = ["start", *["via"] * len(stream.via), "goal"]
     common = np.unique(areas[0][areas[0] > 0])
     for field, name, found in zip(
@@ -188,10 +208,7 @@ def _main_area(scenario: Scenario, ground: Ground, areas: NDArray[np.int32]) -> 
 def _ways(scenario: Scenario, walls: Reals, streams: Wholes, places: list[Reals]) -> Ways:
     """Ways with the largest margin that leaves a way wherever there is one without it."""
     pairs = [
-        (places[a], places[b])
-        for row in streams.tolist()
-        for stops in [[row[0], *row[3 : 3 + row[2]], row[1]]]
-        for a, b in pairwise(stops)
+        (places[a], places[b]) for row in streams.tolist() for a, b in pairwise(row[2 : 3 + row[1]])
     ]
     if scenario.arena.kind == "map":
         pairs.append((places[-1], places[-1]))
@@ -199,7 +216,7 @@ def _ways(scenario: Scenario, walls: Reals, streams: Wholes, places: list[Reals]
         ways = Ways(
             walls,
             np.empty((0, 3)),
-            scenario.pedestrians.radius + margin,
+            scenario.pedestrians.radii[1] + margin,
             scenario.arena.bounds,
         )
         if all(_connected(ways, *pair) for pair in pairs):

@@ -11,14 +11,12 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario.streams import MOST_VIA
 from crowdbench.simulation.following import PLACE, length_of, place_of
 from crowdbench.simulation.map_layout import NoPlaceError
-from crowdbench.simulation.routes import Routes
+from crowdbench.simulation.routes import Network, Regions, Routes
 from crowdbench.simulation.ways import lengths_to, next_point
 
 _BATCH, _BATCHES = 16, 20
-_GOAL, _VIA = PLACE, 2 * PLACE
-_SHARE = _VIA + MOST_VIA * PLACE
-"""Where in a row of draws those of the goal, of the regions on the way and of the share of the way
-begin; the first ones are of the start."""
+_DRAWS = 1 + (MOST_VIA + 2) * PLACE
+"""Numbers that are drawn for a place: the share of the way, the start, then all stops."""
 
 
 def spread(
@@ -50,8 +48,8 @@ def spread(
         if stream < 0:
             return p
         for _ in range(_BATCHES):
-            draws = rng.random((_BATCH, _SHARE + 1))
-            stage[p] = _place_along(draws, discs, fixed + p, stream, routes)
+            draws = rng.random((_BATCH, _DRAWS))
+            stage[p] = _place_along(draws, discs, fixed + p, stream, routes.network, routes.regions)
             if stage[p] >= 0:
                 break
         else:
@@ -65,35 +63,30 @@ def _place_along(
     discs: NDArray[np.float64],
     last: int,
     stream: int,
-    routes: Routes,
+    network: Network,
+    regions: Regions,
 ) -> int:
     """Place disc ``last`` at the first place that is free of those before it.
 
     Returns:
         How many regions lie behind it; -1: no place is free.
     """
-    row = routes.streams[stream]
+    row = regions.streams[stream]
     stops, lengths = np.empty((MOST_VIA + 2, 2)), np.empty(MOST_VIA + 1)
-    count = row[2] + 1
     for k in range(len(draws)):
-        for stop in range(count + 1):
-            table, first = row[2 + stop], _VIA + (stop - 1) * PLACE
-            if stop == 0:
-                table, first = row[0], 0
-            elif stop == count:
-                table, first = row[1], _GOAL
-            stops[stop, 0], stops[stop, 1] = place_of(draws[k], first, table, routes)
         total = 0.0
-        for stage in range(count):
-            a, b = stops[stage], stops[stage + 1]
-            lengths[stage] = length_of(a[0], a[1], b[0], b[1], routes)
-            total += lengths[stage]
-        left, stage = draws[k, _SHARE] * total, 0
-        while stage < count - 1 and left > lengths[stage]:
+        for stop in range(row[1] + 1):
+            place = place_of(draws[k], 1 + stop * PLACE, row[2 + stop], regions)
+            stops[stop, 0], stops[stop, 1] = place
+            if stop > 0:
+                a, b = stops[stop - 1], stops[stop]
+                lengths[stop - 1] = length_of(a[0], a[1], b[0], b[1], network)
+                total += lengths[stop - 1]
+        left, stage = draws[k, 0] * total, 0
+        while stage < row[1] - 1 and left > lengths[stage]:
             left -= lengths[stage]
             stage += 1
-        a, b = stops[stage], stops[stage + 1]
-        x, y = _point_on_way(a[0], a[1], b[0], b[1], left, routes)
+        x, y = _point_on_way(stops[stage], stops[stage + 1], left, network)
         free = True
         for i in range(last):
             dx, dy = x - discs[i, 0], y - discs[i, 1]
@@ -105,12 +98,14 @@ def _place_along(
 
 
 @compiled()
-def _point_on_way(x, y, to_x, to_y, left, routes):  # type: ignore[no-untyped-def]
-    """The point of the way to (to_x, to_y) that lies ``left`` [m] from its beginning."""
-    lengths = np.empty(len(routes.nodes))
-    lengths_to(to_x, to_y, routes.nodes, routes.between, routes.cores, routes.reach, lengths)
-    while x != to_x or y != to_y:
-        nx, ny, _ = next_point(x, y, to_x, to_y, lengths, routes.nodes, routes.cores, routes.reach)
+def _point_on_way(start, end, left, network):  # type: ignore[no-untyped-def]
+    """The point of the way between two points (2,) that lies ``left`` [m] from its beginning."""
+    nodes, between, cores, reach = network.nodes, network.between, network.cores, network.reach
+    lengths = np.empty(len(nodes))
+    lengths_to(end[0], end[1], nodes, between, cores, reach, lengths)
+    x, y = start[0], start[1]
+    while x != end[0] or y != end[1]:
+        nx, ny, _ = next_point(x, y, end[0], end[1], lengths, nodes, cores, reach)
         dx, dy = nx - x, ny - y
         distance = math.sqrt(dx * dx + dy * dy)
         if distance >= left:

@@ -35,7 +35,7 @@ class Crowd:
         goal: (P, 2) where each is going [m]; among walls the next point of the way there.
         preferred_speed: (P,) never to be exceeded [m/s].
         preferred_velocity: (P, 2) how each would walk if nobody was there, along its way [m/s].
-        radius: of every pedestrian [m].
+        radius: (P,) of the discs that they are [m].
         present: (P,) bool, who is in the scene.
         sees_robot: (P, R) bool, which pedestrian sees which robot now: a reactive one, with the
             robot in its field of view.
@@ -54,7 +54,7 @@ class Crowd:
     goal: NDArray[np.float64]
     preferred_speed: NDArray[np.float64]
     preferred_velocity: NDArray[np.float64]
-    radius: float
+    radius: NDArray[np.float64]
     present: NDArray[np.bool_]
     sees_robot: NDArray[np.bool_]
     robot_position: NDArray[np.float64]
@@ -67,8 +67,9 @@ class Crowd:
 
     def only(self, chosen: NDArray[np.bool_]) -> Crowd:
         """The same moment without the other pedestrians; ``chosen`` is a mask (P,)."""
-        rows = ("position", "velocity", "heading", "goal", "preferred_speed", "preferred_velocity")
-        kept = {name: getattr(self, name)[chosen] for name in (*rows, "present", "sees_robot")}
+        rows = "position velocity heading goal preferred_speed preferred_velocity radius present"
+        names = [*rows.split(), "sees_robot"]
+        kept = {name: getattr(self, name)[chosen] for name in names}
         return replace(self, **kept)
 
 
@@ -142,7 +143,8 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
     def walk(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
         most = people.shape[1]
         position, velocity = np.empty((most, 2)), np.empty((most, 2))
-        preferred, speed, chosen = np.empty((most, 2)), np.empty(most), np.empty((most, 2))
+        preferred, chosen = np.empty((most, 2)), np.empty((most, 2))
+        speed, radius = np.empty(most), np.empty(most)
         robot_position = np.empty((robots.shape[1], 2))
         robot_velocity = np.empty((robots.shape[1], 2))
         for i in range(len(lanes)):
@@ -151,7 +153,7 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
             count = world.people
             for p in range(count):
                 person = people[lane, p]
-                speed[p] = person.speed
+                speed[p], radius[p] = person.speed, person.radius
                 for axis in range(2):
                     position[p, axis] = person.position[axis]
                     velocity[p, axis] = person.velocity[axis]
@@ -165,7 +167,7 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
                 velocity[:count],
                 preferred[:count],
                 speed[:count],
-                world.radius,
+                radius[:count],
                 sees[lane, :count],
                 robot_position,
                 robot_velocity,
