@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.learning.perception import FRAMES
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+import crowdbench
 from crowdbench.compiled import compiled
+
+FRAMES = crowdbench.ObstacleMaps.FRAMES
 
 PATCH = 4
 """Cells along a side of a patch; kernel and stride of the layer."""

@@ -10,10 +10,9 @@ import numpy as np
 import torch
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.inputs import ActionBounds
+from crowdbench_agents.learning.inputs import ActionBounds, Sensed
 from crowdbench_agents.learning.stopwatch import Stopwatch
 from crowdbench_agents.learning.validation import Act
-from crowdbench_agents.learning.vector_env import Sensed
 from numpy.typing import NDArray
 from torch import Tensor, nn
 

@@ -28,9 +28,10 @@ from crowdbench.simulation.lanes import (
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.motion import move
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.pedestrians import begin_legs, decide, look
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.sensing import add_noise, observe, outline
+from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
@@ -76,11 +77,20 @@ class Worlds:
     Attributes:
         state: of all lanes, as compiled functions know it.
         episodes: (L,) the present ones.
+        drawn: the robots' obstacle maps, where they are asked for.
     """
 
-    def __init__(self, lanes: int, scenarios: Sequence[Scenario]) -> None:
+    def __init__(
+        self,
+        lanes: int,
+        scenarios: Sequence[Scenario],
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Make room for any of the scenarios in every lane; robots and LiDAR have to be alike."""
         self.state = allocate(lanes, scenarios)
+        self.drawn: DrawnMaps | None = None
+        if obstacle_map is not None:
+            self.drawn = DrawnMaps(lanes, scenarios[0], obstacle_map)
         self.episodes: list[Episode | None] = [None] * lanes
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
@@ -125,6 +135,8 @@ class Worlds:
         ]
         noisy = state.robots.shape[1] if prepared.noisy else 0
         noise = [streams.lidar(seed, r) for r in range(noisy)]
+        if self.drawn is not None:
+            self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
@@ -184,6 +196,8 @@ class Worlds:
                 if s.robots["active"][lane, r]:
                     scan = s.seen[lane, r, PROPRIOCEPTION:]
                     add_noise(scan, episode.prepared.scenario, noise)
+        if self.drawn is not None:
+            self.drawn.update(lanes, s.seen, s.robots["active"])
 
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
