@@ -67,6 +67,9 @@ class RobotSpec:
         goal_tolerance: distance at which the goal counts as reached [m].
         lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
         lidar_range: distance a beam reports when it hits nothing [m].
+        goal: where the robot has to get in this episode: x, y [m] in the frame of ``pose``, its own
+            at the start; None where no episode is meant. On a map, the observed ``goal`` is a point
+            on the way there.
     """
 
     name: str
@@ -81,6 +84,7 @@ class RobotSpec:
     goal_tolerance: float
     lidar_angles: NDArray[np.float64]
     lidar_range: float
+    goal: tuple[float, float] | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, name: str = "robot_0") -> RobotSpec:
@@ -132,7 +136,8 @@ class Observation:
     Attributes:
         lidar: (beams,) float32 distances from the robot's centre [m].
         velocity: (2,) float32 what the drive does now, in the terms of an action.
-        goal: (2,) float32 goal in the robot frame, x ahead, y left [m].
+        goal: (2,) float32 goal in the robot frame, x ahead, y left [m]; on a map, the point ahead
+            on the shortest path to it.
         pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero.
         state: everything about the world (``CrowdEnv.state()``); None unless the agent is
             privileged.
