@@ -46,6 +46,11 @@ Share = Annotated[Number, Field(ge=0, le=1)]
 Weight = Annotated[Number, Field(ge=-1_000_000, le=1_000_000)]
 Range = Annotated[tuple[T, T], AfterValidator(_ordered), Form("two numbers, lowest then highest")]
 Pair = Annotated[tuple[T, T], Form("two numbers, one for each number of an action")]
+_Offset = Annotated[Number, Field(ge=-3.15, le=3.15)]
+Mount = Annotated[
+    tuple[_Offset, _Offset, _Offset], Form("three numbers, x and y [m] and heading [rad]")
+]
+"""A pose on the robot: ahead, to the left, and turned left."""
 
 
 class Section(BaseModel):

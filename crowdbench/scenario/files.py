@@ -131,7 +131,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
             f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
         )
     document = _read(path)
-    _find_image(document, beside=path)
+    _locate(document, Path(str(path)).parent)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
     document.pop("order", None)
@@ -146,11 +146,19 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     return merge(beneath, document)
 
 
-def _find_image(document: dict[str, Any], beside: Any) -> None:
-    """Make the name of a map's image one that does not depend on where the file is read from."""
+def _locate(document: dict[str, Any], folder: Path) -> None:
+    """Make paths in a scenario's file, which start where it is, ones that start anywhere."""
     arena = document.get("arena")
     if isinstance(arena, dict) and isinstance(arena.get("image"), str):
-        arena["image"] = str(Path(str(beside)).parent / arena["image"])
+        arena["image"] = str(folder / arena["image"])
+    people = document.get("pedestrians")
+    if not isinstance(people, dict):
+        return
+    settings = people.get("recording")
+    if isinstance(settings, str):
+        people["recording"] = str(folder / settings)
+    elif isinstance(settings, dict) and isinstance(settings.get("file"), str):
+        settings["file"] = str(folder / settings["file"])
 
 
 def _is_file(path: Any) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from crowdbench.messages import Form, explain, quoted
-from crowdbench.scenario import maps, room
+from crowdbench.scenario import maps, recorded, room
 from crowdbench.scenario.changes import assign, flatten
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
@@ -91,6 +91,12 @@ class Scenario(Section):
                 f"{self.time_limit / MAX_STEPS:g} or time_limit <= "
                 f"{MAX_STEPS * self.control_period:g}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _as_recorded(self) -> Scenario:
+        for name, fields in recorded.completed(self).items():
+            self.__dict__[name] = getattr(self, name).model_copy(update=fields)
         return self
 
     @model_validator(mode="after")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from crowdbench.extensions import WALKING_MODELS
+from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
     NonNegative,
     Positive,
@@ -18,12 +19,18 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
+from crowdbench.scenario.recorded import MOST, Recording
+
+
+def _named(value: Any) -> Any:
+    """Take a path alone for a recording that needs nothing else."""
+    return {"file": value} if value and isinstance(value, str) else value
 
 
 class Pedestrians(Section):
     """The people: how many, how they walk, where to, and how many of them are reactive."""
 
-    count: Annotated[int, Field(ge=0, le=500, strict=True), Whole] = Field(
+    count: Annotated[int, Field(ge=0, le=MOST, strict=True), Whole] = Field(
         8, description="how many"
     )
     radius: Positive = Field(0.25, le=2, description="of everybody [m]")
@@ -32,6 +39,11 @@ class Pedestrians(Section):
     )
     model: Annotated[Text, known(WALKING_MODELS)] = Field(
         "orca", description="how they avoid others: the name of a walking model"
+    )
+    recording: Annotated[Recording, BeforeValidator(_named)] = later(
+        Recording(),
+        "0.2",
+        description="the file by which people walk, where the model is `recorded`",
     )
     control: Literal["scripted", "agents"] = Field(
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
@@ -51,6 +63,12 @@ class Pedestrians(Section):
     )
     leg: Positive = Field(
         4.0, le=200, description="least distance from a leg's start to its goal [m]"
+    )
+    leg_from: Literal["position", "goal"] = later(
+        "position",
+        "0.2",
+        description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
+        "do not depend on what was in the way",
     )
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"

@@ -10,6 +10,7 @@ from crowdbench.extensions import DRIVES
 from crowdbench.messages import Form
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
+    Mount,
     NonNegative,
     Pair,
     Positive,
@@ -55,6 +56,28 @@ class Arena(Section):
         return x - half_length, y - half_width, x + half_length, y + half_width
 
 
+class Odometry(Section):
+    """Noise of the odometry, by which a robot's belief of its own pose drifts away from the truth.
+
+    After the odometry motion model of Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), section
+    5.4: each control period is a turn, a way straight on and another turn, and each of the three is
+    believed with a normal error whose variance these say.
+    """
+
+    rotation: NonNegative = later(
+        0.0, "0.2", le=1, description="variance of a turn by its square (alpha_1)"
+    )
+    rotation_by_translation: NonNegative = later(
+        0.0, "0.2", le=1, description="of a turn by the square of the way (alpha_2) [rad²/m²]"
+    )
+    translation: NonNegative = later(
+        0.0, "0.2", le=1, description="of the way by its square (alpha_3)"
+    )
+    translation_by_rotation: NonNegative = later(
+        0.0, "0.2", le=1, description="of the way by the squares of the turns (alpha_4) [m²/rad²]"
+    )
+
+
 class Robots(Section):
     """The robots: how they drive, and their rectangular footprint."""
 
@@ -74,6 +97,12 @@ class Robots(Section):
     acceleration: Pair[Positive] | None = Field(
         None, description="limits on the change of either number of an action in a second"
     )
+    latency: Annotated[int, Field(ge=0, le=50, strict=True), Whole] = later(
+        0, "0.2", description="whole control periods until a command acts; before, the robot stands"
+    )
+    odometry: Odometry = later(
+        Odometry(), "0.2", description="drift of what the robot believes of its pose"
+    )
     travel: Positive = Field(
         8.0, le=200, description="straight distance from start to goal [m]; unless both are given"
     )
@@ -91,7 +120,7 @@ class Robots(Section):
 
 
 class Lidar(Section):
-    """A planar LiDAR at the robot's centre."""
+    """A planar LiDAR on the robot, by default at its centre."""
 
     beams: Annotated[int, Field(ge=1, le=4096, strict=True), Whole] = Field(
         180, description="rays per scan, evenly spaced"
@@ -100,6 +129,9 @@ class Lidar(Section):
     range: Positive = Field(6.0, le=100, description="largest distance reported [m]")
     noise: NonNegative = Field(0.0, le=1, description="standard deviation of a distance [m]")
     dropout: Share = Field(0.0, description="share of beams that report the full range")
+    mount: Mount = later(
+        (0.0, 0.0, 0.0), "0.2", description="where on the robot it is: x, y [m], heading [rad]"
+    )
 
 
 class Obstacles(Section):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
 from crowdbench.simulation.walls import walls_of
+
+if TYPE_CHECKING:
+    from crowdbench.simulation.recorded import Tracks
 
 OBSTACLE_CLEARANCE = 1.0
 """Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
@@ -37,6 +41,7 @@ class Layout:
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
+        tracks: by which they walk where they do so as recorded.
     """
 
     robot_pose: NDArray[np.float64]
@@ -45,6 +50,7 @@ class Layout:
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
+    tracks: Tracks | None = None
 
 
 def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout:
@@ -59,6 +65,10 @@ def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout
         NoRoomError: there is no room; the message says what was placed and what was not.
         ScenarioError: a region has no room, whatever the seed.
     """
+    if scenario.pedestrians.recording.file:
+        from crowdbench.simulation.crossing import place_crossing
+
+        return place_crossing(scenario, seed)
     rng = streams.layout(seed)
     places = places or places_of(scenario)
     problems: list[NoPlaceError] = []

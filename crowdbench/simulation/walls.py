@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
+from crowdbench.scenario.recorded import load, origin
 
 
 def walls_of(scenario: Scenario) -> NDArray[np.float64]:
     """(S, 4) x1, y1, x2, y2 [m].
 
     A corridor has a wall on either long side, reaching beyond it; a map its own, then the edges of
-    its polygons; open arenas none.
+    its polygons; open arenas none, but for those of a recording.
     """
     arena = scenario.arena
     if arena.kind == "corridor":
@@ -23,4 +24,7 @@ def walls_of(scenario: Scenario) -> NDArray[np.float64]:
         for polygon in arena.polygons
         for begin, end in zip(polygon, (*polygon[1:], polygon[0]), strict=True)
     ]
+    if scenario.pedestrians.recording.file:
+        recording, _ = load(scenario.pedestrians.recording)
+        edges += (recording.segments - np.tile(origin(recording), 2)).tolist()
     return np.array([*arena.walls, *edges], dtype=np.float64).reshape(-1, 4)
