@@ -141,6 +141,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -154,6 +155,7 @@ from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
+from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
@@ -215,7 +217,8 @@ class CrowdEnv(ParallelEnv):
 
         Raises:
             ValueError: an unknown render mode.
-            ScenarioError: the drive cannot be used, or bodies are too fast for their size.
+            ScenarioError: the drive cannot be used, bodies are too fast for their size, or a region
+                has no room.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
@@ -243,6 +246,7 @@ class CrowdEnv(ParallelEnv):
         self.state_space = observations.state_space(scenario)
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
+        places_of(scenario)
         self._low, self._high = drive.low, drive.high
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None
@@ -258,8 +262,11 @@ class CrowdEnv(ParallelEnv):
         return self.action_spaces[agent]
 
     def robot_spec(self, agent: str = "robot_0") -> RobotSpec:
-        """What a planner may know about a robot."""
-        return RobotSpec.from_scenario(self.scenario, agent)
+        """What a planner may know about a robot; its goal once the environment has been reset."""
+        spec = RobotSpec.from_scenario(self.scenario, agent)
+        if self._world is None or agent not in self._robots:
+            return spec
+        return replace(spec, goal=observations.final_goal(self._world, self._robots.index(agent)))
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None

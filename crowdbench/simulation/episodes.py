@@ -15,6 +15,7 @@ from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import RUNNING, TIMEOUT
+from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
@@ -90,6 +91,7 @@ class Episodes:
                     f"{scenario.pedestrians.control!r}; allowed in lanes: 'scripted'"
                 )
             check_speeds(scenario, make_drive(scenario), scenario.pedestrians.speed[1])
+            places_of(scenario)
         self.scenarios = list(scenarios)
         self.count, self.robots = int(count), scenarios[0].robots.count
         self.over = np.ones(count, dtype=np.bool_)

@@ -141,6 +141,14 @@ def observe_robots(world: World, robots: list[str]) -> dict[str, dict[str, Any]]
     return {name: as_observation(row.copy(), image) for name, row, image, there in rows if there}
 
 
+def final_goal(world: World, robot: int) -> tuple[float, float]:
+    """A robot's goal in the frame of its odometry [m]."""
+    x, y, heading = world.layout.robot_pose[robot].tolist()
+    goal_x, goal_y = world.layout.robot_goal[robot].tolist()
+    x, y, cosine, sine = goal_x - x, goal_y - y, math.cos(heading), math.sin(heading)
+    return cosine * x + sine * y, cosine * y - sine * x
+
+
 def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
     """Observations of the pedestrians that are agents, relative to each, in world axes.
 

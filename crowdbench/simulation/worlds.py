@@ -18,6 +18,7 @@ from crowdbench.agent import lidar_angles
 from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
+from crowdbench.simulation.guidance import Guidance
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
@@ -106,6 +107,8 @@ class Worlds:
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
+        on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
+        self._guidance = Guidance(lanes, scenarios) if on_map else None
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
         self._slow: set[int] = set()  # lanes in which people's accelerations are limited
@@ -131,6 +134,8 @@ class Worlds:
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
         state.walls[lane, : len(layout.walls)] = layout.walls
         self._place_robots(lane, layout, prepared)
+        if self._guidance is not None:
+            self._guidance.begin(lane, prepared.places, state.robots)
         drawing = self._place_people(lane, layout, seed, scenario)
         bodies = Bodies(
             layout.robot_pose,
@@ -223,6 +228,8 @@ class Worlds:
         if s.robots.shape[1] > 1:
             outline(lanes, s.worlds, s.robots)
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
+        if self._guidance is not None:
+            self._guidance.observe(lanes, s.robots, s.seen)
         for lane in self._noisy.intersection(lanes.tolist()):
             episode = self.episode(lane)
             for r, noise in enumerate(episode.noise):
@@ -242,6 +249,8 @@ class Worlds:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
         s = self.state
         judge(lanes, s.worlds, s.robots, s.people, s.contacts)
+        if self._guidance is not None:
+            self._guidance.judge(lanes, s.worlds, s.robots)
 
     def remove(self, lane: int, robot: int) -> None:
         """Take a robot out of the scene."""
