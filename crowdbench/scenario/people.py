@@ -20,6 +20,7 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
+from crowdbench.scenario.habits import Attention, Stops
 
 Radius = Annotated[Positive, Field(le=2)]
 
@@ -52,6 +53,7 @@ class Pedestrians(Section):
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
     )
     reactive: Share = Field(1.0, description="share of the pedestrians that see the robot")
+    attention: Attention = later(Attention(), "0.2", description="who looks away at times")
     field_of_view: Positive = Field(
         220.0, le=360, description="within which a reactive pedestrian sees the robot [deg]"
     )
@@ -66,6 +68,10 @@ class Pedestrians(Section):
     )
     leg: Positive = Field(
         4.0, le=200, description="least distance from a leg's start to its goal [m]"
+    )
+    stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
+    standing: Share = later(
+        0.0, "0.2", description="share of the people that stand in a place of their own"
     )
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"

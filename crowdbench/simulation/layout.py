@@ -12,7 +12,7 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
-from crowdbench.simulation.traits import draw_radii
+from crowdbench.simulation.traits import Traits, draw_traits
 
 OBSTACLE_CLEARANCE = 1.0
 """Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
@@ -37,8 +37,8 @@ class Layout:
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
-        pedestrian_radius: (P,) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
+        traits: what the pedestrians are like.
     """
 
     robot_pose: NDArray[np.float64]
@@ -46,8 +46,8 @@ class Layout:
     obstacles: NDArray[np.float64]
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
-    pedestrian_radius: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
+    traits: Traits
 
 
 def place(scenario: Scenario, seed: int) -> Layout:
@@ -56,12 +56,12 @@ def place(scenario: Scenario, seed: int) -> Layout:
     Raises:
         NoRoomError: there is no room; the message says what was placed and what was not.
     """
-    rng, radii = streams.layout(seed), draw_radii(scenario.pedestrians, seed)
+    rng, traits = streams.layout(seed), draw_traits(scenario.pedestrians, seed)
     problems: list[_NoPlaceError] = []
     for effort in (_CENTRED, _ANYWHERE, _DENSE):
         for _ in range(_LAYOUTS):
             try:
-                return _attempt(scenario, radii, rng, effort)
+                return _attempt(scenario, traits, rng, effort)
             except _NoPlaceError as error:
                 problems.append(error)
         if all(isinstance(problem, _CrowdedError) for problem in problems):
@@ -83,16 +83,14 @@ class _CrowdedError(_NoPlaceError):
     """Of a pedestrian, once robots and obstacles had theirs."""
 
 
-def _attempt(
-    scenario: Scenario, radii: NDArray[np.float64], rng: np.random.Generator, effort: int
-) -> Layout:
+def _attempt(scenario: Scenario, traits: Traits, rng: np.random.Generator, effort: int) -> Layout:
     pose, goal = _place_robots(scenario, rng, effort)
     obstacles = _place_obstacles(scenario, rng, np.vstack([pose[:, :2], goal]), effort)
     people = scenario.pedestrians
     clearance = robot_radius(scenario.robots) + people.spawn_clearance
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
     fixed = len(taken)
-    taken = np.vstack([taken, np.column_stack([radii, radii, radii])])
+    taken = np.vstack([taken, np.repeat(traits.radius[:, None], 3, axis=1)])
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
     placed = _place_discs(rng, half, taken, fixed)
     if placed < people.count:
@@ -100,7 +98,7 @@ def _attempt(
     position = taken[fixed:, :2].copy()
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
-    return Layout(pose, goal, obstacles, _walls(scenario), position, radii, reactive)
+    return Layout(pose, goal, obstacles, _walls(scenario), position, reactive, traits)
 
 
 def _walls(scenario: Scenario) -> NDArray[np.float64]:

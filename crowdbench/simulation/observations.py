@@ -76,6 +76,10 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_switch_time": real(p),
             "pedestrian_next_goal": real(p, 2),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
+            "pedestrian_attentive": spaces.Box(0, 1, (p,), np.bool_),
+            "pedestrian_attention_time": real(p),
+            "pedestrian_stop_time": real(p),
+            "pedestrian_stop_end": real(p),
             "obstacles": real(k, 3),
             "walls": real(walls, 4),
         }
@@ -104,6 +108,10 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_switch_time": people.switch_time.copy(),
         "pedestrian_next_goal": people.next_goal.copy(),
         "pedestrian_reactive": people.reactive.copy(),
+        "pedestrian_attentive": people.attentive.copy(),
+        "pedestrian_attention_time": people.attention_time.copy(),
+        "pedestrian_stop_time": people.stop_time.copy(),
+        "pedestrian_stop_end": people.stop_end.copy(),
         "obstacles": world.layout.obstacles.copy(),
         "walls": world.layout.walls.copy(),
     }

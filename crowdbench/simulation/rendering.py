@@ -2,7 +2,7 @@
 
 Colours are those of Okabe and Ito (2008), told apart with every common form of colour blindness;
 whatever a colour says is said by a shape too: reactive pedestrians are filled discs, non-reactive
-ones are rings.
+ones, and those who look away, are rings.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class Renderer:
         for x in (left, end):
             pygame.draw.line(picture, BLACK, (x, low - 4), (x, low + 4), 2)
         self._text(picture, f"{bar:g} m", (end + 8, low), 15, BLACK)
-        kinds = np.asarray(state["pedestrian_reactive"], dtype=bool)
+        kinds = _sees(state)
         x = right
         if (~kinds).any():
             x = self._legend(picture, "does not see the robot", (x, low), filled=False)
@@ -192,7 +192,7 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), reactive in zip(pieces, state["pedestrian_reactive"], strict=True):
+            for (start, end), reactive in zip(pieces, _sees(state), strict=True):
                 color = REACTIVE if reactive else NONREACTIVE
                 brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
@@ -216,6 +216,11 @@ def _import_pygame(window: bool) -> Any:
 
 def _robot(index: int) -> Color:
     return ROBOTS[index % len(ROBOTS)]
+
+
+def _sees(state: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """(P,) who sees robots now: the reactive ones who do not look away."""
+    return np.asarray(state["pedestrian_reactive"] & state["pedestrian_attentive"])
 
 
 def _mix(below: Color, above: Color, share: float) -> Color:
@@ -264,7 +269,7 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
     for position, goal, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_goal"],
-        state["pedestrian_reactive"],
+        _sees(state),
         strict=True,
     ):
         color = _mix(WHITE, REACTIVE if reactive else NONREACTIVE, 0.3)
@@ -282,7 +287,7 @@ def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
         state["pedestrian_position"],
         state["pedestrian_velocity"],
         state["pedestrian_radius"],
-        state["pedestrian_reactive"],
+        _sees(state),
         strict=True,
     ):
         color = REACTIVE if reactive else NONREACTIVE

@@ -17,6 +17,7 @@ from crowdbench.agent import lidar_angles
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
+from crowdbench.simulation.habits import AFTER_CHOICE, BEFORE_CHOICE, HabitLanes, begin_habits
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
@@ -27,7 +28,7 @@ from crowdbench.simulation.lanes import (
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
-from crowdbench.simulation.motion import limit_changes, move
+from crowdbench.simulation.motion import move
 from crowdbench.simulation.pedestrians import begin_legs, decide, look
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.sensing import add_noise, observe, outline
@@ -87,7 +88,7 @@ class Worlds:
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
-        self._slow: set[int] = set()  # lanes in which people's accelerations are limited
+        self._habits = HabitLanes()
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -115,7 +116,7 @@ class Worlds:
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            layout.pedestrian_radius,
+            layout.traits.radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
@@ -130,8 +131,7 @@ class Worlds:
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
-        slow = scenario.pedestrians.acceleration is not None
-        (self._slow.add if slow else self._slow.discard)(lane)
+        self._habits.note(lane, scenario.pedestrians)
         self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, noise)
         if before is not None:
             before.bodies.free()
@@ -148,6 +148,7 @@ class Worlds:
         s = self.state
         if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
             self._draw()
+        self._habits.act(BEFORE_CHOICE, lanes, s)
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
         for kernel in set(kernels):
             which = lanes[np.array([other is kernel for other in kernels])]
@@ -169,8 +170,7 @@ class Worlds:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
-        if slow := self._slow.intersection(lanes.tolist()):
-            limit_changes(np.array(sorted(slow)), s.worlds, s.people)
+        self._habits.act(AFTER_CHOICE, lanes, s)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
         if stuck >= 0:
             scenario = self.episode(stuck).prepared.scenario
@@ -240,12 +240,13 @@ class Worlds:
         people["drawn"] = 0
         people["position"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = layout.pedestrian_radius
+        people["radius"] = layout.traits.radius
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
         people["velocity"] = people["speed"][:, None] * directions
+        begin_habits(people, layout, settings)
         return drawing
 
     def _draw(self) -> None:

@@ -6,6 +6,7 @@ import pytest
 from pydantic import BaseModel
 
 from crowdbench.scenario import Arena, Scenario, later, load_scenario, scenario_names
+from crowdbench.scenario.habits import Attention, Stops
 
 DIGESTS = {
     "unimodal_slow": "3690941ae711",
@@ -41,6 +42,14 @@ LATER_FIELDS: dict[str, object] = {
     "pedestrians.speed_mean": None,
     "pedestrians.speed_deviation": None,
     "pedestrians.acceleration": None,
+    "pedestrians.attention": Attention(),
+    "pedestrians.attention.away_share": 0.0,
+    "pedestrians.attention.away_for": (2.0, 5.0),
+    "pedestrians.attention.every": (5.0, 10.0),
+    "pedestrians.stops": Stops(),
+    "pedestrians.stops.share": 0.0,
+    "pedestrians.stops.duration": (2.0, 5.0),
+    "pedestrians.standing": 0.0,
 }
 """Those declared with ``later`` and their defaults, which never change."""
 
