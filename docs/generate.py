@@ -68,12 +68,13 @@ def _allowed(field: dict[str, Any]) -> str:
     if options := field.get("anyOf") or field.get("oneOf"):
         return " or ".join(map(_allowed, options))
     if "prefixItems" in field:
-        return f"two numbers, {_allowed(field['prefixItems'][0])}"
+        return f"two numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
     if "minimum" in field and "maximum" in field:
         return f"{field['minimum']:g} to {field['maximum']:g}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}
     limits = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
     kinds = {"null": "`null`", "string": "text", "number": "any number"}
+    kinds |= {"array": "a list", "object": "a section"}
     return ", ".join(limits) or kinds[field["type"]]
 
 

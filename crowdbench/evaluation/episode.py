@@ -46,7 +46,7 @@ class Episode:
         other_robots: (T + 1, R - 1, 3) poses of the other robots, NaN once they are gone.
         pedestrian_reactive: (P,) which pedestrians see the robot.
         pedestrian_attentive: (T + 1, P) who does not look away; reactive ones see the robot then.
-        pedestrian_position: (T + 1, P, 2) [m].
+        pedestrian_position: (T + 1, P, 2) [m]; NaN where somebody is not there.
         pedestrian_velocity: (T + 1, P, 2) [m/s].
         pedestrian_goal: (T + 1, P, 2) where each is heading now [m].
         pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden
@@ -111,7 +111,10 @@ class Episode:
 
     @cached_property
     def clearance(self) -> NDArray[np.float64]:
-        """(T + 1, P) distance between footprint and pedestrians, 0 when they touch [m]."""
+        """(T + 1, P) distance between footprint and pedestrians, 0 when they touch [m].
+
+        NaN where somebody is not there.
+        """
         return interactions.clearance(
             self.robot_pose, self.footprint, self.pedestrian_position, self.pedestrian_radius
         )

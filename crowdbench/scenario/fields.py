@@ -59,6 +59,11 @@ OneOrRange = Annotated[
     Discriminator(lambda value: "<range>" if isinstance(value, list | tuple) else "<number>"),
 ]
 Pair = Annotated[tuple[T, T], Form("two numbers, one for each number of an action")]
+_Offset = Annotated[Number, Field(ge=-3.15, le=3.15)]
+Mount = Annotated[
+    tuple[_Offset, _Offset, _Offset], Form("three numbers, x and y [m] and heading [rad]")
+]
+"""A pose on the robot: ahead, to the left, and turned left."""
 
 
 class Section(BaseModel):

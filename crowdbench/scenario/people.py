@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from crowdbench.extensions import WALKING_MODELS
 from crowdbench.scenario.digest import later
@@ -21,14 +21,20 @@ from crowdbench.scenario.fields import (
     known,
 )
 from crowdbench.scenario.habits import Attention, Stops
+from crowdbench.scenario.recorded import MOST, Recording
 
 Radius = Annotated[Positive, Field(le=2)]
+
+
+def _named(value: Any) -> Any:
+    """Take a path alone for a recording that needs nothing else."""
+    return {"file": value} if value and isinstance(value, str) else value
 
 
 class Pedestrians(Section):
     """The people: how many, how they walk, where to, and how many of them are reactive."""
 
-    count: Annotated[int, Field(ge=0, le=500, strict=True), Whole] = Field(
+    count: Annotated[int, Field(ge=0, le=MOST, strict=True), Whole] = Field(
         8, description="how many"
     )
     radius: OneOrRange[Radius] = Field(
@@ -49,6 +55,11 @@ class Pedestrians(Section):
     model: Annotated[Text, known(WALKING_MODELS)] = Field(
         "orca", description="how they avoid others: the name of a walking model"
     )
+    recording: Annotated[Recording, BeforeValidator(_named)] = later(
+        Recording(),
+        "0.2",
+        description="the file by which people walk, where the model is `recorded`",
+    )
     control: Literal["scripted", "agents"] = Field(
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
     )
@@ -68,6 +79,12 @@ class Pedestrians(Section):
     )
     leg: Positive = Field(
         4.0, le=200, description="least distance from a leg's start to its goal [m]"
+    )
+    leg_from: Literal["position", "goal"] = later(
+        "position",
+        "0.2",
+        description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
+        "do not depend on what was in the way",
     )
     stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
     standing: Share = later(

@@ -47,7 +47,7 @@ def begin_habits(people: NDArray[np.void], layout: Layout, settings: Pedestrians
     """
     traits = layout.traits
     people["key"] = traits.key
-    people["walks_on"] = settings.on_arrival == "new_goal"
+    people["walks_on"] = settings.on_arrival == "new_goal" and not settings.recording.file
     people["looks"] = people["stops"] = 0
     people["attentive"] = True
     people["attention_time"] = people["stop_time"] = people["stop_end"] = np.inf

@@ -96,13 +96,14 @@ class Renderer:
             for index, name in enumerate(f"robot_{i}" for i in range(len(state["robot_pose"])))
             if name in lidar and state["robot_active"][index]
         ]
-        _draw_pedestrian_goals(brush, state)
+        people = _present(state)
+        _draw_pedestrian_goals(brush, people)
         self._trails.draw(brush, state)
         for index, points in scans:
             brush.glaze(points, _robot(index), share=0.14 if len(scans) == 1 else 0.07)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
-        _draw_pedestrians(brush, state)
+        _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
             for point in points[-len(hits) :][hits]:
@@ -192,9 +193,10 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), reactive in zip(pieces, _sees(state), strict=True):
-                color = REACTIVE if reactive else NONREACTIVE
-                brush.line(start, end, 0.05, _mix(WHITE, color, fade))
+            for (start, end), sees in zip(pieces, _sees(state), strict=True):
+                if np.isfinite(start[0] + end[0]):
+                    color = REACTIVE if sees else NONREACTIVE
+                    brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
             for index, end in enumerate(self._robots[step]):
                 brush.line(
@@ -262,6 +264,13 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
         brush.disc(np.array([x, y]), radius - 0.03, OBSTACLE)
     for wall in state["walls"]:
         brush.line(wall[:2], wall[2:], 0.08, _mix(OBSTACLE, BLACK, 0.5))
+
+
+def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What is known of the pedestrians who are there."""
+    there = np.isfinite(state["pedestrian_position"][:, 0])
+    names = ("position", "velocity", "goal", "radius", "reactive", "attentive")
+    return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
 def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:

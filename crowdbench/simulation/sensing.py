@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.lanes import PROPRIOCEPTION
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
+from crowdbench.simulation.rounding import sum_of_products
 
 
 @compiled()
@@ -31,6 +34,7 @@ def observe(
         seen: written.
     """
     discs = np.empty((people.shape[1], 3))
+    sensor = np.empty(3)
     segments = np.empty((walls.shape[1] + 4 * robots.shape[1], 4))
     for i in range(len(lanes)):
         lane = lanes[i]
@@ -47,8 +51,9 @@ def observe(
             if not robot.active:
                 continue
             filled = _add_outlines(segments, world.walls, robots[lane], r)
+            _mounted(robot.pose, world.mount, sensor)
             robot.nearest = cast_rays(
-                robot.pose,
+                sensor,
                 beams,
                 discs[: world.people],
                 obstacles[lane, : world.obstacles],
@@ -57,6 +62,17 @@ def observe(
                 seen[lane, r, PROPRIOCEPTION:],
             )
             _proprioception(robot.pose, robot.velocity, robot.goal, robot.origin, seen[lane, r])
+
+
+@compiled()
+def _mounted(
+    pose: NDArray[np.float64], mount: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
+    """Write the pose (3,) of what is mounted on a robot at ``pose``: exactly that if at zero."""
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    out[0] = pose[0] + sum_of_products(cosine, mount[0], -sine, mount[1])
+    out[1] = pose[1] + sum_of_products(sine, mount[0], cosine, mount[1])
+    out[2] = pose[2] + mount[2]
 
 
 @compiled()

@@ -8,7 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE, _WALKING, _SCENARIO, _TRAITS = range(8)
+(
+    _LAYOUT,
+    _LIDAR,
+    _AGENT,
+    _PEDESTRIAN,
+    _NEXT_EPISODE,
+    _WALKING,
+    _SCENARIO,
+    _ODOMETRY,
+    _TRAITS,
+) = range(9)
 
 
 def layout(seed: int) -> np.random.Generator:
@@ -19,6 +29,11 @@ def layout(seed: int) -> np.random.Generator:
 def lidar(seed: int, robot: int) -> np.random.Generator:
     """Stream of one robot's LiDAR noise."""
     return _stream(seed, _LIDAR, robot)
+
+
+def odometry(seed: int, robot: int) -> np.random.Generator:
+    """Stream of the errors of one robot's odometry."""
+    return _stream(seed, _ODOMETRY, robot)
 
 
 def pedestrian(seed: int, index: int) -> np.random.Generator:

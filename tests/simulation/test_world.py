@@ -121,6 +121,32 @@ def test_a_pedestrians_draws_do_not_depend_on_the_robot():
     assert len(touched.pedestrians.goal) == 8
 
 
+@pytest.mark.parametrize("goals", ["unimodal", "multimodal"])
+def test_legs_from_the_last_goal_lead_to_the_same_goals_whatever_is_in_the_way(goals):
+    """Places that legs end in: the goal, or the one after a change of mind."""
+    scenario = CROWD.override(
+        {"pedestrians.goals": goals, "pedestrians.leg": 4.0, "pedestrians.speed": [1.8, 2.0]}
+    )
+
+    def differing(leg_from):
+        chosen = scenario.override({"pedestrians.leg_from": leg_from})
+        ends = [[], []]
+        for found, speed in zip(ends, (0.0, 0.4), strict=True):
+            world = World(chosen, 11)
+            found += [[] for _ in world.pedestrians.speed]
+            for _ in range(300):
+                for p, end in enumerate(world.pedestrians.next_goal.tolist()):
+                    if end not in found[p][-1:]:
+                        found[p].append(end)
+                world.step(np.array([[speed, 0.3]]))
+        assert sum(map(len, ends[0])) > 50
+        pairs = [zip(*both, strict=False) for both in zip(*ends, strict=True)]
+        return sum(one != other for pair in pairs for one, other in pair)
+
+    assert differing("position") > 0
+    assert differing("goal") == 0
+
+
 def test_adding_a_pedestrian_leaves_the_others_draws_alone():
     fewer = World(CROWD, 4).pedestrians.speed
     more = World(CROWD.override({"pedestrians.count": 9}), 4).pedestrians.speed

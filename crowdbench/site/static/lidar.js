@@ -30,7 +30,8 @@
   crowdbench.scan = function (episode, frame, lidar) {
     const [x, y, heading] = frame.robot;
     const circles = [
-      ...frame.people.map(({ position: [px, py], radius }) => [px - x, py - y, radius]),
+      ...frame.people.filter(crowdbench.isThere)
+        .map(({ position: [px, py], radius }) => [px - x, py - y, radius]),
       ...episode.obstacles.map(([ox, oy, radius]) => [ox - x, oy - y, radius]),
     ];
     const edges = frame.others.flatMap((pose) => {

@@ -22,7 +22,7 @@
     const bound = (offset) => {
       let most = Math.abs(episode.goal[offset]);
       for (let i = offset; i < episode.position.length; i += 2) {
-        most = Math.max(most, Math.abs(episode.position[i]));
+        most = Math.max(most, Math.abs(episode.position[i]) || 0); // NaN where nobody is
       }
       for (let i = offset; i < episode.pose.length; i += 3) {
         most = Math.max(most, Math.abs(episode.pose[i]));
@@ -62,19 +62,20 @@
       this.theme = colours();
       const frame = crowdbench.frame(episode, time);
       this.frame = frame;
+      const people = frame.people.filter(crowdbench.isThere);
       this.floor();
-      if (shown.goals) for (const person of frame.people) this.goalOf(person);
+      if (shown.goals) for (const person of people) this.goalOf(person);
       if (shown.trails) this.trails(frame);
       this.scan = shown.lidar && this.lidar ? crowdbench.scan(episode, frame, this.lidar) : null;
       if (this.scan) this.fan(frame);
       for (const [x, y, radius] of episode.obstacles) this.disc(x, y, radius, this.theme.solid);
       for (const [x1, y1, x2, y2] of episode.walls) this.line([[x1, y1], [x2, y2]], 0.08, this.theme.solid);
       this.robotGoal();
-      for (const person of frame.people) this.person(person);
+      for (const person of people) this.person(person);
       if (this.scan) this.hits(frame);
       frame.others.forEach((pose, i) => this.robot(pose, OTHERS[i % OTHERS.length]));
       this.robot(frame.robot, GREEN);
-      if (shown.intents) for (const person of frame.people) this.intent(person, frame.time);
+      if (shown.intents) for (const person of people) this.intent(person, frame.time);
       this.events(frame, shown);
     }
 
