@@ -64,7 +64,10 @@ WORLD = np.dtype(
         ("switch_probability", _REAL),  # 0 where goals are unimodal
         ("leg", _REAL),
         ("from_goal", _FLAG),  # legs start from the last goal
-        ("walks_on", _FLAG),  # on arrival
+        ("attentive_for", _REAL, 2),  # how long those who look away at times look around
+        ("away_for", _REAL, 2),
+        ("stop_share", _REAL),  # of the legs
+        ("stop_for", _REAL, 2),
         ("half_extent", _REAL),  # of the smallest body that moves
         ("arrival", _REAL),
         ("progress", _REAL),
@@ -123,6 +126,15 @@ PERSON = np.dtype(
         ("preferred", _REAL, 2),  # velocity if nobody was in the way
         ("chosen", _REAL, 2),  # velocity for this control period
         ("drawn", _WHOLE),  # legs begun of those whose draws are held ready
+        ("walks_on", _FLAG),  # on arrival
+        ("key", _ADDRESS),  # of what is drawn besides
+        ("attentive", _FLAG),  # does not look away now
+        ("attention_time", _REAL),  # when that changes, inf for never
+        ("looks", _WHOLE),  # changes so far
+        ("stop_time", _REAL),  # when the stop on this leg begins, inf without one
+        ("stop_end", _REAL),
+        ("stop_leg", _REAL),  # deadline of the leg that these belong to
+        ("stops", _WHOLE),  # legs so far, stops or none
         ("body", _ADDRESS),  # Chipmunk's
     ],
     align=True,
@@ -206,8 +218,11 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
-        "walks_on": people.on_arrival == "new_goal" and not people.recording.file,
         "from_goal": people.leg_from == "goal",
+        "attentive_for": np.array(people.attention.every),
+        "away_for": np.array(people.attention.away_for),
+        "stop_share": people.stops.share,
+        "stop_for": np.array(people.stops.duration),
         "half_extent": half_extent(scenario),
         **scenario.reward.model_dump(),
     }
