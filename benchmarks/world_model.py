@@ -123,9 +123,9 @@ def least_gap(state: dict, commands: list[np.ndarray], scenario: crowdbench.Scen
         x, y, heading = advance(x, y, heading, v, w, duration)
         people += duration * state["pedestrian_velocity"]
         cosine, sine = np.cos(heading), np.sin(heading)
-        for px, py in people:
+        for (px, py), around in zip(people, state["pedestrian_radius"], strict=True):
             gap = point_gap(x, y, cosine, sine, robot.length / 2, robot.width / 2, px, py)
-            least = min(least, gap - scenario.pedestrians.radius)
+            least = min(least, gap - around)
     return least
 
 

@@ -37,7 +37,7 @@ class Episode:
         goal: (2,) [m].
         walls: (S, 4) segments x1, y1, x2, y2 [m].
         obstacles: (K, 3) x, y, radius [m].
-        pedestrian_radius: radius of every pedestrian [m].
+        pedestrian_radius: (P,) [m].
         robot_pose: (T + 1, 3) x, y [m], heading [rad].
         robot_world_velocity: (T + 1, 2) its velocity in the world [m/s].
         robot_speed: (T + 1,) along the direction in which it travels, negative backwards [m/s].
@@ -45,7 +45,7 @@ class Episode:
             differential one v [m/s], w [rad/s].
         other_robots: (T + 1, R - 1, 3) poses of the other robots, NaN once they are gone.
         pedestrian_reactive: (P,) which pedestrians see the robot.
-        pedestrian_position: (T + 1, P, 2) [m].
+        pedestrian_position: (T + 1, P, 2) [m]; NaN where somebody is not there.
         pedestrian_velocity: (T + 1, P, 2) [m/s].
         pedestrian_goal: (T + 1, P, 2) where each is heading now [m].
         pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden
@@ -73,7 +73,7 @@ class Episode:
     goal: NDArray[np.float64]
     walls: NDArray[np.float64]
     obstacles: NDArray[np.float64]
-    pedestrian_radius: float
+    pedestrian_radius: NDArray[np.float64]
     robot_pose: NDArray[np.float64]
     robot_world_velocity: NDArray[np.float64]
     robot_speed: NDArray[np.float64]
@@ -99,13 +99,16 @@ class Episode:
         return len(self.actions)
 
     @property
-    def reach(self) -> float:
-        """Radius of the circle around the footprint plus a pedestrian's radius [m]."""
+    def reach(self) -> NDArray[np.float64]:
+        """(P,) radius of the circle around the footprint plus each pedestrian's radius [m]."""
         return math.hypot(*self.footprint) / 2 + self.pedestrian_radius
 
     @cached_property
     def clearance(self) -> NDArray[np.float64]:
-        """(T + 1, P) distance between footprint and pedestrians, 0 when they touch [m]."""
+        """(T + 1, P) distance between footprint and pedestrians, 0 when they touch [m].
+
+        NaN where somebody is not there.
+        """
         return interactions.clearance(
             self.robot_pose, self.footprint, self.pedestrian_position, self.pedestrian_radius
         )

@@ -12,8 +12,10 @@ are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
 Action space
 ------------
 Robots: ``Box(2,)``, held for one control period (``control_period``, 0.2 s). Actions out of range
-are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. The first
-number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the drive's (left > 0):
+are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. With
+``robots.latency`` they act that many control periods later; until the first one does the robot
+stands. The first number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the
+drive's (left > 0):
 
 ===================  ======================================================================
 ``robots.drive``     second number of an action
@@ -35,12 +37,13 @@ Robots: ``Dict`` of float32.
 ============  ==========  ==================================================================
 key           shape       meaning
 ============  ==========  ==================================================================
-``lidar``     (beams,)    distance from the robot's centre to the nearest surface along each
-                          beam [m], ``lidar.range`` where nothing is hit; a full circle starts
-                          ahead and goes counter-clockwise
+``lidar``     (beams,)    distance from the LiDAR (``lidar.mount``, the robot's centre) to the
+                          nearest surface along each beam [m], ``lidar.range`` where nothing is
+                          hit; a full circle starts ahead of it and goes counter-clockwise
 ``velocity``  (2,)        what the drive does, in the terms of its actions
 ``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
-``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero
+``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero, and
+                          drifts by ``robots.odometry``
 ``map``       (cells,     uint8, where ``obstacle_map`` is given: bit k of a cell says that
               cells)      something was there in the scan k steps ago, k = 0 .. 7
 ============  ==========  ==================================================================
@@ -77,7 +80,7 @@ defaults are given here.
 
 - ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
 - ``collision``: -60 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
-  d < 1.25 m from the robot's centre.
+  d < 1.25 m from the LiDAR.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
   come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.
 

@@ -11,10 +11,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
+from crowdbench.scenario.recorded import AHEAD
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
 
 
@@ -56,18 +58,29 @@ def agent_spaces(
 
 
 def state_space(scenario: Scenario) -> spaces.Dict:
-    """Space of ``CrowdEnv.state()``: R robots, P pedestrians, K obstacles, S walls."""
+    """Space of ``CrowdEnv.state()``: R robots, P pedestrians, K obstacles, S walls.
+
+    Positions of pedestrians who are not there are NaN.
+    """
     r, p, k = scenario.robots.count, scenario.pedestrians.count, scenario.obstacles.count
-    walls = 2 if scenario.arena.kind == "corridor" else 0
+    walls = len(walls_of(scenario))
 
     def real(*shape: int) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, np.float64)
 
+    recorded: dict[str, spaces.Space[Any]] = {}
+    if scenario.pedestrians.recording.file:
+        steps = round(AHEAD / scenario.control_period)
+        recorded = {
+            "recorded_ahead": real(steps, p, 2),
+            "recorded_held": spaces.Box(0, 1, (p,), np.bool_),
+        }
     return spaces.Dict(
         {
             "time": real(),
             "robot_pose": real(r, 3),
             "robot_velocity": real(r, 2),
+            "robot_under_way": real(r, scenario.robots.latency, 2),
             "robot_speed": real(r),
             "robot_world_velocity": real(r, 2),
             "robot_goal": real(r, 2),
@@ -77,6 +90,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_goal": real(p, 2),
             "pedestrian_start": real(p, 2),
             "pedestrian_speed": real(p),
+            "pedestrian_acceleration": real(p),
             "pedestrian_radius": real(p),
             "pedestrian_intent": spaces.Box(0, len(INTENTS) - 1, (p,), np.int64),
             "pedestrian_switch_time": real(p),
@@ -84,6 +98,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
             "obstacles": real(k, 3),
             "walls": real(walls, 4),
+            **recorded,
         }
     )
 
@@ -91,19 +106,22 @@ def state_space(scenario: Scenario) -> spaces.Dict:
 def state(world: Lane) -> dict[str, NDArray[Any]]:
     """Copies of everything in the world, keyed as in ``state_space``."""
     people = world.pedestrians
+    there = people.present[:, None]
     return {
         "time": np.array(world.time),
         "robot_pose": world.pose.copy(),
         "robot_velocity": world.velocity.copy(),
+        "robot_under_way": world.under_way.copy(),
         "robot_speed": world.speed.copy(),
         "robot_world_velocity": world.world_velocity.copy(),
         "robot_goal": world.goals.copy(),
         "robot_active": world.active.copy(),
-        "pedestrian_position": people.position.copy(),
+        "pedestrian_position": np.where(there, people.position, np.nan),
         "pedestrian_velocity": people.velocity.copy(),
         "pedestrian_goal": people.goal.copy(),
         "pedestrian_start": people.start.copy(),
         "pedestrian_speed": people.speed.copy(),
+        "pedestrian_acceleration": people.acceleration.copy(),
         "pedestrian_radius": people.radius.copy(),
         "pedestrian_intent": people.intent.copy(),
         "pedestrian_switch_time": people.switch_time.copy(),
@@ -111,6 +129,7 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_reactive": people.reactive.copy(),
         "obstacles": world.layout.obstacles.copy(),
         "walls": world.layout.walls.copy(),
+        **world.recorded(),
     }
 
 

@@ -96,13 +96,14 @@ class Renderer:
             for index, name in enumerate(f"robot_{i}" for i in range(len(state["robot_pose"])))
             if name in lidar and state["robot_active"][index]
         ]
-        _draw_pedestrian_goals(brush, state)
+        people = _present(state)
+        _draw_pedestrian_goals(brush, people)
         self._trails.draw(brush, state)
         for index, points in scans:
             brush.glaze(points, _robot(index), share=0.14 if len(scans) == 1 else 0.07)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
-        _draw_pedestrians(brush, state, self._scenario.pedestrians.radius)
+        _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
             for point in points[-len(hits) :][hits]:
@@ -193,8 +194,9 @@ class _Trails:
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
             for (start, end), reactive in zip(pieces, state["pedestrian_reactive"], strict=True):
-                color = REACTIVE if reactive else NONREACTIVE
-                brush.line(start, end, 0.05, _mix(WHITE, color, fade))
+                if np.isfinite(start[0] + end[0]):
+                    color = REACTIVE if reactive else NONREACTIVE
+                    brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
             for index, end in enumerate(self._robots[step]):
                 brush.line(
@@ -233,11 +235,14 @@ def _scale_bar(length: float) -> float:
 
 
 def _scan_points(pose: Points, scan: NDArray[Any], spec: RobotSpec) -> Points:
-    """World positions where the beams end [m], after the robot's own unless it sees all around."""
+    """World positions where the beams end [m], after the LiDAR's unless it sees all around."""
     angles = pose[2] + spec.lidar_angles
-    ends = pose[:2] + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    all_around = len(angles) > 2 and spec.lidar_angles[0] == 0.0
-    return ends if all_around else np.vstack([pose[None, :2], ends])
+    x, y, turn = spec.lidar_mount
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    lidar = pose[:2] + np.array([cosine * x - sine * y, sine * x + cosine * y])
+    ends = lidar + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    all_around = len(angles) > 2 and spec.lidar_angles[0] == turn
+    return ends if all_around else np.vstack([lidar[None], ends])
 
 
 def _draw_floor(brush: Brush, view: View) -> None:
@@ -259,6 +264,13 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
         brush.line(wall[:2], wall[2:], 0.08, _mix(OBSTACLE, BLACK, 0.5))
 
 
+def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What is known of the pedestrians who are there."""
+    there = np.isfinite(state["pedestrian_position"][:, 0])
+    names = ("position", "velocity", "goal", "radius", "reactive")
+    return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
+
+
 def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
     """A faint cross where each pedestrian is going, on a faint line towards it."""
     for position, goal, reactive in zip(
@@ -277,10 +289,11 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
 
 
-def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]], radius: float) -> None:
-    for position, velocity, reactive in zip(
+def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    for position, velocity, radius, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_velocity"],
+        state["pedestrian_radius"],
         state["pedestrian_reactive"],
         strict=True,
     ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.layout import Layout
 from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.worlds import Worlds
 
 _LANE = np.zeros(1, dtype=np.int64)
@@ -24,9 +25,11 @@ class Pedestrians(NamedTuple):
         position, velocity: (P, 2) [m], [m/s].
         goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
         speed: (P,) preferred speed, never exceeded [m/s].
+        acceleration: (P,) limit on the change of velocity, inf without one [m/s^2].
         radius: (P,) of the discs that they are [m].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
+        present: (P,) in the scene; others are far from it.
         reactive: (P,) sees the robots; the others are non-reactive.
         chosen: (P, 2) how they walk in this control period [m/s].
     """
@@ -37,9 +40,11 @@ class Pedestrians(NamedTuple):
     start: NDArray[np.float64]
     next_goal: NDArray[np.float64]
     speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
     radius: NDArray[np.float64]
     intent: NDArray[np.int64]
     switch_time: NDArray[np.float64]
+    present: NDArray[np.bool_]
     reactive: NDArray[np.bool_]
     chosen: NDArray[np.float64]
 
@@ -51,6 +56,7 @@ class Lane:
         worlds: where all of it is kept.
         pose: (R, 3) robots' x, y [m], heading [rad].
         velocity: (R, 2) what the robots' drive is doing, e.g. v [m/s], w [rad/s].
+        under_way: (R, latency, 2) commands that do not act yet, the next to act first.
         direction: (R, 2) unit vectors along which the robots travel, in the world.
         speed: (R,) along these, negative backwards [m/s].
         world_velocity: (R, 2) direction times speed [m/s].
@@ -68,6 +74,7 @@ class Lane:
         self.worlds, self._lane = worlds, lane
         robots = worlds.state.robots[lane]
         self.pose, self.velocity = robots["pose"], robots["velocity"]
+        self.under_way = worlds.state.under_way[lane]
         self.direction, self.speed = robots["direction"], robots["speed"]
         self.world_velocity, self.active = robots["world_velocity"], robots["active"]
         self.goals, self.terms, self.outcome = robots["goal"], robots["terms"], robots["outcome"]
@@ -86,6 +93,15 @@ class Lane:
     def layout(self) -> Layout:
         """Where everything began."""
         return self.worlds.episode(self._lane).layout
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """What a recording says of the time to come, and who was held back; else nothing."""
+        episode = self.worlds.episode(self._lane)
+        if not isinstance(episode.model, Recorded):
+            return {}
+        step = round(self.time / episode.prepared.scenario.control_period)
+        ahead, held = episode.model.tracks.ahead(step), episode.model.held.copy()
+        return {"recorded_ahead": ahead, "recorded_held": held}
 
     @property
     def contacts(self) -> dict[int, Contact]:

@@ -69,7 +69,12 @@ def scenario_document(label: str, scenario: Scenario | None) -> dict[str, Any]:
         "family": family(scenario),
         "description": scenario.description,
         "arena": [scenario.arena.length, scenario.arena.width],
-        "lidar": {"beams": lidar.beams, "degrees": angle, "range": lidar.range},
+        "lidar": {
+            "beams": lidar.beams,
+            "degrees": angle,
+            "range": lidar.range,
+            "mount": list(lidar.mount),
+        },
     }
 
 

@@ -20,10 +20,10 @@ class LidarWorld:
     def scan(self, pose, discs, walls=()):
         """(beams,) float32 distances to discs (N, 3) and walls (S, 4)."""
         out = np.empty(len(self.spec.lidar_angles), dtype=np.float32)
-        nobody, discs = np.empty((0, 2)), np.array(discs, dtype=float).reshape(-1, 3)
+        nobody, discs = np.empty((0, 3)), np.array(discs, dtype=float).reshape(-1, 3)
         walls = np.array(walls, dtype=float).reshape(-1, 4)
         beams, pose = beam_table(self.spec.lidar_angles), np.array(pose, dtype=float)
-        cast_rays(pose, beams, nobody, 0.25, discs, walls, self.spec.lidar_range, out)
+        cast_rays(pose, beams, nobody, discs, walls, self.spec.lidar_range, out)
         return out
 
     def observe(self, pose, discs, walls=(), goal=(5.0, 0.0), velocity=(0.0, 0.0)):

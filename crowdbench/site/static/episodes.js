@@ -100,6 +100,7 @@
         intent: episode.intents[intent],
         switchTime,
         sees: episode.reactive[p],
+        radius: episode.radii[p],
       });
     }
     const others = [];
@@ -117,4 +118,7 @@
       people,
     };
   };
+
+  // Recorded people come and go; those who are not there have no position.
+  crowdbench.isThere = (person) => Number.isFinite(person.position[0]);
 })(window.crowdbench);
