@@ -31,15 +31,17 @@ def write(folder: Path) -> None:
 def _fields() -> Iterator[str]:
     """A table per section of a scenario."""
     schema = crowdbench.Scenario.model_json_schema()
-    sections = {
-        key: schema["$defs"][value["$ref"].rpartition("/")[2]]
-        for key, value in schema["properties"].items()
-        if "$ref" in value
-    }
-    top = {key: value for key, value in schema["properties"].items() if key not in sections}
-    yield from _table("At the top", {"properties": top})
-    for name, section in sections.items():
-        yield from _table(f"`{name}`", section)
+    yield from _table("At the top", {"properties": schema["properties"]})
+    yield from _sections(schema, schema["$defs"])
+
+
+def _sections(section: dict[str, Any], known: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """A table per section within another, each followed by those within it."""
+    for key, field in section["properties"].items():
+        if "$ref" in field:
+            inner = known[field["$ref"].rpartition("/")[2]]
+            yield from _table(f"`{prefix}{key}`", inner)
+            yield from _sections(inner, known, f"{prefix}{key}.")
 
 
 def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
@@ -48,6 +50,8 @@ def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
     yield "| field | default | allowed | meaning |"
     yield "|---|---|---|---|"
     for key, field in section["properties"].items():
+        if "$ref" in field:
+            continue
         default = f"`{_text(field['default'])}`" if field.get("default", "") != "" else ""
         meaning = field.get("description", "").replace("|", r"\|")
         yield f"| `{key}` | {default} | {_allowed(field)} | {meaning} |"
@@ -57,10 +61,11 @@ def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
 def _allowed(field: dict[str, Any]) -> str:
     if "enum" in field:
         return ", ".join(f"`{word}`" for word in field["enum"])
-    if "anyOf" in field:
-        return " or ".join(_allowed(option) for option in field["anyOf"])
+    if options := field.get("anyOf") or field.get("oneOf"):
+        return " or ".join(map(_allowed, options))
     if "prefixItems" in field:
-        return f"two numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
+        count = {2: "two", 3: "three", 4: "four"}[len(field["prefixItems"])]
+        return f"{count} numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
     if "minimum" in field and "maximum" in field:
         return f"{field['minimum']:g} to {field['maximum']:g}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}

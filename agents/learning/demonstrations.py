@@ -14,12 +14,11 @@ import numpy as np
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.detour import Detour
 from crowdbench_agents.learning.experts import Experts
+from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.noise import CorrelatedNoise
-from crowdbench_agents.learning.perception import MapGeometry
 from crowdbench_agents.learning.replay import EXPERT, Replay
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS, joint_digest, scenario_digests
 from crowdbench_agents.learning.seeds import DEMONSTRATIONS
-from crowdbench_agents.learning.vector_env import VectorEnv
 from numpy.typing import NDArray
 
 import crowdbench
@@ -72,7 +71,7 @@ def load_demonstrations(
     runs: Path,
     expert: str,
     transitions: int,
-    geometry: MapGeometry,
+    geometry: crowdbench.MapGeometry,
     social: bool,
     detour: Detour,
     progress: Callable[[int], None],
@@ -103,12 +102,13 @@ def _record(
     replay: Replay,
     expert: str,
     transitions: int,
-    geometry: MapGeometry,
+    geometry: crowdbench.MapGeometry,
     progress: Callable[[int], None],
 ) -> None:
     begun = len(replay)
     rng = np.random.default_rng([DEMONSTRATIONS[0], begun])
-    envs, everywhere = VectorEnv(LANES, _episodes(begun), geometry), np.arange(LANES)
+    envs = Lanes(LANES, list(TRAINING_SCENARIOS), _episodes(begun), geometry)
+    everywhere = np.arange(LANES)
     experts = Experts(expert, envs, everywhere)
     noise = CorrelatedNoise((LANES, 2), NOISE, NOISE_CORRELATION, rng)
     noisy, age = np.zeros(LANES, bool), np.zeros(LANES, np.int64)
@@ -127,8 +127,8 @@ def _record(
         added = noise.step()
         noisy = np.where(age % BURST == 0, rng.random(LANES) < 0.4, noisy)
         action = np.clip(reference + added * noisy[:, None], -1, 1).astype(np.float32)
-        before = envs.sensed.copy()
-        result = envs.step(everywhere, envs.bounds.physical(action))
+        before = envs.sensed
+        result = envs.step(envs.bounds.physical(action))
         replay.append_step(everywhere, before, action, result, reference, source, envs.sensed)
         age += 1
         begin(np.flatnonzero(result.over))

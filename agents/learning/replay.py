@@ -18,9 +18,9 @@ import numpy as np
 import torch
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.detour import FREE, Detour
-from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.inputs import Inputs, Sensed
+from crowdbench_agents.learning.lanes import Outcomes
 from crowdbench_agents.learning.shared import FileLock
-from crowdbench_agents.learning.vector_env import Outcomes, Sensed
 from numpy.typing import NDArray
 from torch import Tensor
 

@@ -37,7 +37,7 @@ class Episode:
         goal: (2,) [m].
         walls: (S, 4) segments x1, y1, x2, y2 [m].
         obstacles: (K, 3) x, y, radius [m].
-        pedestrian_radius: radius of every pedestrian [m].
+        pedestrian_radius: (P,) [m].
         robot_pose: (T + 1, 3) x, y [m], heading [rad].
         robot_world_velocity: (T + 1, 2) its velocity in the world [m/s].
         robot_speed: (T + 1,) along the direction in which it travels, negative backwards [m/s].
@@ -73,7 +73,7 @@ class Episode:
     goal: NDArray[np.float64]
     walls: NDArray[np.float64]
     obstacles: NDArray[np.float64]
-    pedestrian_radius: float
+    pedestrian_radius: NDArray[np.float64]
     robot_pose: NDArray[np.float64]
     robot_world_velocity: NDArray[np.float64]
     robot_speed: NDArray[np.float64]
@@ -99,8 +99,8 @@ class Episode:
         return len(self.actions)
 
     @property
-    def reach(self) -> float:
-        """Radius of the circle around the footprint plus a pedestrian's radius [m]."""
+    def reach(self) -> NDArray[np.float64]:
+        """(P,) radius of the circle around the footprint plus each pedestrian's radius [m]."""
         return math.hypot(*self.footprint) / 2 + self.pedestrian_radius
 
     @cached_property

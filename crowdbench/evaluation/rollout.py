@@ -239,7 +239,7 @@ def _episode(
         goal=states[0]["robot_goal"][log.index],
         walls=states[0]["walls"],
         obstacles=states[0]["obstacles"],
-        pedestrian_radius=scenario.pedestrians.radius,
+        pedestrian_radius=states[0]["pedestrian_radius"],
         robot_pose=poses[:, log.index],
         robot_world_velocity=arrays["robot_world_velocity"][:, log.index],
         robot_speed=arrays["robot_speed"][:, log.index],

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from crowdbench.extensions import WALKING_MODELS
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
     NonNegative,
+    OneOrRange,
     Positive,
     Range,
     Section,
@@ -27,15 +28,29 @@ def _named(value: Any) -> Any:
     return {"file": value} if value and isinstance(value, str) else value
 
 
+Radius = Annotated[Positive, Field(le=2)]
+
+
 class Pedestrians(Section):
     """The people: how many, how they walk, where to, and how many of them are reactive."""
 
     count: Annotated[int, Field(ge=0, le=MOST, strict=True), Whole] = Field(
         8, description="how many"
     )
-    radius: Positive = Field(0.25, le=2, description="of everybody [m]")
+    radius: OneOrRange[Radius] = Field(
+        0.25, description="of everybody, or a range from which each person's is drawn [m]"
+    )
     speed: Range[Speed] = Field(
         (0.3, 0.6), description="preferred walking speed, drawn per person [m/s]"
+    )
+    speed_mean: Speed | None = later(
+        None, "0.2", description="preferred speeds are normal within `speed`, not uniform [m/s]"
+    )
+    speed_deviation: Positive | None = later(
+        None, "0.2", le=10, description="standard deviation of the same [m/s]"
+    )
+    acceleration: Positive | None = later(
+        None, "0.2", le=100, description="limit on how fast a person's velocity changes [m/s2]"
     )
     model: Annotated[Text, known(WALKING_MODELS)] = Field(
         "orca", description="how they avoid others: the name of a walking model"
@@ -76,3 +91,22 @@ class Pedestrians(Section):
     spawn_clearance: NonNegative = Field(
         1.0, le=200, description="least gap between a pedestrian and a robot's start, surfaces [m]"
     )
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """The smallest and the largest radius [m]."""
+        return self.radius if isinstance(self.radius, tuple) else (self.radius, self.radius)
+
+    @model_validator(mode="after")
+    def _speeds_can_be_drawn(self) -> Pedestrians:
+        low, high = self.speed
+        if (self.speed_mean is None) != (self.speed_deviation is None):
+            names = ["speed_mean", "speed_deviation"]
+            given, lacking = names if self.speed_deviation is None else reversed(names)
+            raise ValueError(f"{given}: given without {lacking}; allowed: both or neither")
+        if self.speed_mean is not None and not low <= self.speed_mean <= high:
+            raise ValueError(
+                f"speed_mean: {self.speed_mean:g} m/s lies outside speed; "
+                f"allowed: >= {low:g} and <= {high:g}"
+            )
+        return self

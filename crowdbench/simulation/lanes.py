@@ -58,7 +58,7 @@ WORLD = np.dtype(
         ("obstacles", _WHOLE),
         ("walls", _WHOLE),
         ("people", _WHOLE),
-        ("radius", _REAL),
+        ("largest_radius", _REAL),  # of a pedestrian
         ("half_view", _REAL),
         ("responsibility", _REAL),
         ("switch_probability", _REAL),  # 0 where goals are unimodal
@@ -113,6 +113,7 @@ PERSON = np.dtype(
         ("start", _REAL, 2),  # of the leg
         ("next_goal", _REAL, 2),  # after a switch
         ("speed", _REAL),  # preferred, never exceeded
+        ("acceleration", _REAL),  # limit on the change of velocity, inf without one
         ("radius", _REAL),
         ("intent", _WHOLE),  # index into INTENTS
         ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept
@@ -185,8 +186,8 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
     values = {
         "period": scenario.control_period,
         "least_steps": scenario.substeps,
-        "half_length": arena.length / 2 - people.radius,
-        "half_width": arena.width / 2 - people.radius,
+        "half_length": arena.length / 2 - people.radii[1],
+        "half_width": arena.width / 2 - people.radii[1],
         "drive": kind,
         "robot_length": robots.length,
         "robot_width": robots.width,
@@ -200,7 +201,7 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "obstacles": scenario.obstacles.count,
         "walls": len(walls_of(scenario)),
         "people": people.count,
-        "radius": people.radius,
+        "largest_radius": people.radii[1],
         "half_view": np.deg2rad(people.field_of_view) / 2,
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,

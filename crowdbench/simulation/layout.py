@@ -14,6 +14,7 @@ from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
+from crowdbench.simulation.traits import draw_radii
 from crowdbench.simulation.walls import walls_of
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class Layout:
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
+        pedestrian_radius: (P,) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
         tracks: by which they walk where they do so as recorded.
     """
@@ -49,6 +51,7 @@ class Layout:
     obstacles: NDArray[np.float64]
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
+    pedestrian_radius: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
     tracks: Tracks | None = None
 
@@ -69,13 +72,13 @@ def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout
         from crowdbench.simulation.crossing import place_crossing
 
         return place_crossing(scenario, seed)
-    rng = streams.layout(seed)
+    rng, radii = streams.layout(seed), draw_radii(scenario.pedestrians, seed)
     places = places or places_of(scenario)
     problems: list[NoPlaceError] = []
     for effort in (_CENTRED, _ANYWHERE, _DENSE):
         for _ in range(_LAYOUTS):
             try:
-                return _attempt(scenario, places, rng, effort)
+                return _attempt(scenario, places, radii, rng, effort)
             except NoPlaceError as error:
                 problems.append(error)
         if all(isinstance(problem, _CrowdedError) for problem in problems):
@@ -94,7 +97,11 @@ class _CrowdedError(NoPlaceError):
 
 
 def _attempt(
-    scenario: Scenario, places: Places | None, rng: np.random.Generator, effort: int
+    scenario: Scenario,
+    places: Places | None,
+    radii: NDArray[np.float64],
+    rng: np.random.Generator,
+    effort: int,
 ) -> Layout:
     around = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
     if places is None:
@@ -108,8 +115,8 @@ def _attempt(
     clearance = robot_radius(scenario.robots) + people.spawn_clearance
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
     fixed = len(taken)
-    taken = np.vstack([taken, np.full((people.count, 3), people.radius)])
-    half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
+    taken = np.vstack([taken, np.column_stack([radii, radii, radii])])
+    half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
     if places is None:
         placed = _place_discs(rng, half, taken, fixed)
     else:
@@ -120,7 +127,7 @@ def _attempt(
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
-    return Layout(pose, goal, obstacles, walls, position, reactive)
+    return Layout(pose, goal, obstacles, walls, position, radii, reactive)
 
 
 def _place_robots(

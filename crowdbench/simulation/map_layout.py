@@ -140,7 +140,7 @@ def places_of(scenario: Scenario) -> Places | None:
     at_goal = max(clearance, robots.goal_tolerance)  # so that no goal is reached through a wall
     beside = scenario.obstacles.radius[1] + passage(robots)
     walls = walls_of(scenario)
-    ground = Ground(scenario.arena, walls, max(at_goal, people.radius, beside))
+    ground = Ground(scenario.arena, walls, max(at_goal, people.radii[1], beside))
     ways = Ways(walls, np.empty((0, 3)), clearance)
     starts = _room_for(scenario, ground, ways, "start", robots.start, clearance)
     goals = _room_for(scenario, ground, ways, "goal", robots.goal, at_goal)
@@ -157,12 +157,12 @@ def places_of(scenario: Scenario) -> Places | None:
             f"{_named(robots.start)} (robots.start); allowed: passages at least "
             f"{2 * clearance:.2f} m wide, for the circle around the robot"
         )
-    walkable = ground.connected(people.radius)
+    walkable = ground.connected(people.radii[1])
     met = np.unique(walkable[starts | goals])
-    room = ground.free(people.radius) & np.isin(walkable, met[met > 0])
+    room = ground.free(people.radii[1]) & np.isin(walkable, met[met > 0])
     if people.count and not room.any():
         raise ScenarioError(
-            f"scenario {scenario.name!r}: pedestrians.radius: {people.radius:g} m leaves no room "
+            f"scenario {scenario.name!r}: pedestrians.radius: {people.radii[1]:g} m leaves no room "
             "where robots drive; allowed: less, or more room between walls"
         )
     places = Places(

@@ -139,7 +139,7 @@ def _first_fit(leg, begin, x, y, world, obstacles):  # type: ignore[no-untyped-d
             inside = False
             for o in range(world.obstacles):
                 dx, dy = px - obstacles[o, 0], py - obstacles[o, 1]
-                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.radius)
+                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.largest_radius)
                 inside = inside or not gap > ARRIVAL
             if inside and strict == 0:
                 continue

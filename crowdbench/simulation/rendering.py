@@ -106,7 +106,7 @@ class Renderer:
             brush.polygon(np.array(polygon), OBSTACLE)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
-        _draw_pedestrians(brush, people, self._scenario.pedestrians.radius)
+        _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
             for point in points[-len(hits) :][hits]:
@@ -238,11 +238,14 @@ def _scale_bar(length: float) -> float:
 
 
 def _scan_points(pose: Points, scan: NDArray[Any], spec: RobotSpec) -> Points:
-    """World positions where the beams end [m], after the robot's own unless it sees all around."""
+    """World positions where the beams end [m], after the LiDAR's unless it sees all around."""
     angles = pose[2] + spec.lidar_angles
-    ends = pose[:2] + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    all_around = len(angles) > 2 and spec.lidar_angles[0] == 0.0
-    return ends if all_around else np.vstack([pose[None, :2], ends])
+    x, y, turn = spec.lidar_mount
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    lidar = pose[:2] + np.array([cosine * x - sine * y, sine * x + cosine * y])
+    ends = lidar + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    all_around = len(angles) > 2 and spec.lidar_angles[0] == turn
+    return ends if all_around else np.vstack([lidar[None], ends])
 
 
 def _draw_floor(brush: Brush, view: View) -> None:
@@ -268,7 +271,7 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
 def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What is known of the pedestrians who are there."""
     there = np.isfinite(state["pedestrian_position"][:, 0])
-    names = ("position", "velocity", "goal", "reactive")
+    names = ("position", "velocity", "goal", "radius", "reactive")
     return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
@@ -290,10 +293,11 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
 
 
-def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]], radius: float) -> None:
-    for position, velocity, reactive in zip(
+def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    for position, velocity, radius, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_velocity"],
+        state["pedestrian_radius"],
         state["pedestrian_reactive"],
         strict=True,
     ):

@@ -31,13 +31,15 @@ from crowdbench.simulation.lanes import (
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.map_layout import Places, places_of
-from crowdbench.simulation.motion import move
+from crowdbench.simulation.motion import limit_changes, move
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.sensing import add_noise, observe, outline
+from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
+from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
 Lanes = NDArray[np.int64]
@@ -86,11 +88,20 @@ class Worlds:
     Attributes:
         state: of all lanes, as compiled functions know it.
         episodes: (L,) the present ones.
+        drawn: the robots' obstacle maps, where they are asked for.
     """
 
-    def __init__(self, lanes: int, scenarios: Sequence[Scenario]) -> None:
+    def __init__(
+        self,
+        lanes: int,
+        scenarios: Sequence[Scenario],
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Make room for any of the scenarios in every lane; robots and LiDAR have to be alike."""
         self.state = allocate(lanes, scenarios)
+        self.drawn: DrawnMaps | None = None
+        if obstacle_map is not None:
+            self.drawn = DrawnMaps(lanes, scenarios[0], obstacle_map)
         self.episodes: list[Episode | None] = [None] * lanes
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
@@ -100,6 +111,7 @@ class Worlds:
         self._guidance = Guidance(lanes, scenarios) if on_map else None
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
+        self._slow: set[int] = set()  # lanes in which people's accelerations are limited
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -129,7 +141,7 @@ class Worlds:
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            scenario.pedestrians.radius,
+            layout.pedestrian_radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
@@ -146,11 +158,15 @@ class Worlds:
             DriftingOdometry(scenario.robots.odometry, pose, streams.odometry(seed, r))
             for r, pose in enumerate(layout.robot_pose if prepared.drifts else ())
         ]
+        if self.drawn is not None:
+            self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
+        slow = scenario.pedestrians.acceleration is not None
+        (self._slow.add if slow else self._slow.discard)(lane)
         self.episodes[lane] = Episode(
             prepared, seed, layout, bodies, model, drawing, noise, drifting
         )
@@ -193,6 +209,8 @@ class Worlds:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
+        if slow := self._slow.intersection(lanes.tolist()):
+            limit_changes(np.array(sorted(slow)), s.worlds, s.people)
         if s.under_way.shape[2]:
             commands = self._delay(lanes, commands)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
@@ -218,13 +236,14 @@ class Worlds:
                 if s.robots["active"][lane, r]:
                     scan = s.seen[lane, r, PROPRIOCEPTION:]
                     add_noise(scan, episode.prepared.scenario, noise)
-
         for lane in self._drifting.intersection(lanes.tolist()):
             robots = s.robots[lane]
             for r in np.flatnonzero(robots["active"]).tolist():
                 odometry = self.episode(lane).odometry[r]
                 odometry.update(robots["pose"][r])
                 s.seen[lane, r, ODOMETRY] = odometry.wrapped()
+        if self.drawn is not None:
+            self.drawn.update(lanes, s.seen, s.robots["active"])
 
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
@@ -270,18 +289,18 @@ class Worlds:
         """Begin the first legs; returns where later ones are drawn from."""
         s, settings = self.state, scenario.pedestrians
         people = s.people[lane, : settings.count]
-        low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
         draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
         for row, stream in zip(draws, drawing, strict=True):
             stream.random(out=row)
-        people["speed"] = low + (high - low) * draws[:, 0]
+        people["speed"] = preferred_speeds(settings, draws[:, 0])
+        people["acceleration"] = settings.acceleration or np.inf
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
         people["present"] = True
         people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = settings.radius
+        people["radius"] = layout.pedestrian_radius
         if layout.tracks is not None:
             self._follow(people, layout.tracks)
             return drawing
@@ -352,7 +371,7 @@ class Worlds:
             heading=people["heading"].copy(),
             goal=people["goal"].copy(),
             preferred_speed=people["speed"].copy(),
-            radius=scenario.pedestrians.radius,
+            radius=people["radius"].copy(),
             present=people["present"].copy(),
             sees_robot=self.state.sees[lane, :count].copy(),
             robot_position=robots["pose"][:, :2].copy(),

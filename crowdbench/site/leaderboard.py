@@ -72,7 +72,12 @@ def scenario_document(label: str, scenario: Scenario | None) -> dict[str, Any]:
         "arena": [arena.length, arena.width],
         "centre": arena.centre,
         "solids": arena.polygons,
-        "lidar": {"beams": lidar.beams, "degrees": angle, "range": lidar.range},
+        "lidar": {
+            "beams": lidar.beams,
+            "degrees": angle,
+            "range": lidar.range,
+            "mount": list(lidar.mount),
+        },
     }
 
 

@@ -72,7 +72,7 @@ def encode(episode: Episode) -> dict[str, Any]:
         "goal": _numbers(episode.goal),
         "walls": _numbers(episode.walls),
         "obstacles": _numbers(episode.obstacles),
-        "radius": episode.pedestrian_radius,
+        "radii": _numbers(episode.pedestrian_radius),
         "reactive": episode.pedestrian_reactive.tolist(),
         "pose": _packed(episode.robot_pose),
         "motion": _packed(_motion(episode)),

@@ -40,7 +40,7 @@ def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, *
         "goal": np.array([4.0, 0.0]),
         "walls": np.zeros((0, 4)),
         "obstacles": np.zeros((0, 3)),
-        "pedestrian_radius": 0.25,
+        "pedestrian_radius": np.full(people[1], 0.25),
         "robot_pose": pose,
         "robot_world_velocity": speed[:, None] * ahead,
         "robot_speed": speed,

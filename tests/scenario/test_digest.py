@@ -68,6 +68,9 @@ LATER_FIELDS: dict[str, object] = {
     "robots.odometry.translation_by_rotation": 0.0,
     "lidar.mount": (0.0, 0.0, 0.0),
     "pedestrians.leg_from": "position",
+    "pedestrians.speed_mean": None,
+    "pedestrians.speed_deviation": None,
+    "pedestrians.acceleration": None,
 }
 """Those declared with ``later`` and their defaults, which never change."""
 

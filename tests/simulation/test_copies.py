@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from crowdbench import Scenario
+from crowdbench import MapGeometry, Scenario
 from crowdbench.simulation.env import CrowdEnv
 
 NOISY = Scenario(
@@ -68,7 +68,7 @@ def test_a_copy_goes_on_identically(scenario, way, steps):
 
 @pytest.mark.parametrize("way", WAYS, ids=["deepcopy", "pickle"])
 def test_a_copy_after_some_robots_have_left_goes_on_identically(way):
-    env, rng = CrowdEnv(FLEET), np.random.default_rng(3)
+    env, rng = CrowdEnv(FLEET, obstacle_map=MapGeometry(16, 6.0, 4.0)), np.random.default_rng(3)
     for seed in range(50):
         env.reset(seed=seed)
         while len(env.agents) == 3:

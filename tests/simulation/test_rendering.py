@@ -30,6 +30,7 @@ def make_state(**changes):
         "pedestrian_position": np.zeros((0, 2)),
         "pedestrian_velocity": np.zeros((0, 2)),
         "pedestrian_goal": np.zeros((0, 2)),
+        "pedestrian_radius": np.zeros(0),
         "pedestrian_reactive": np.zeros(0, bool),
         "obstacles": np.zeros((0, 3)),
         "walls": np.zeros((0, 4)),
@@ -42,6 +43,7 @@ def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True):
         "pedestrian_position": np.array([position]),
         "pedestrian_velocity": np.array([velocity]),
         "pedestrian_goal": np.array([goal]),
+        "pedestrian_radius": np.full(1, 0.25),
         "pedestrian_reactive": np.array([reactive]),
     }
 

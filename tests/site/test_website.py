@@ -197,4 +197,5 @@ def test_a_page_of_replays_begins_with_the_first(whole, tmp_path):
     (cell,) = document["cells"]
     assert document["start"] == replay_link(cell["scenario"], "straight_line", 900001)
     assert document["metrics"] == []
-    assert document["scenarios"][0]["lidar"] == {"beams": 180, "degrees": 360.0, "range": 6.0}
+    lidar = {"beams": 180, "degrees": 360.0, "range": 6.0, "mount": [0.0, 0.0, 0.0]}
+    assert document["scenarios"][0]["lidar"] == lidar

@@ -100,6 +100,7 @@
         intent: episode.intents[intent],
         switchTime,
         sees: episode.reactive[p],
+        radius: episode.radii[p],
       });
     }
     const others = [];

@@ -138,7 +138,7 @@
     }
 
     ends(frame) {
-      const [x, y, heading] = frame.robot;
+      const [x, y, heading] = crowdbench.sensor(frame.robot, this.lidar);
       return crowdbench.beams(this.lidar).map((angle, i) => [
         x + this.scan[i] * Math.cos(heading + angle), y + this.scan[i] * Math.sin(heading + angle)]);
     }
@@ -146,7 +146,7 @@
     fan(frame) {
       const ends = this.ends(frame);
       this.context.globalAlpha = 0.14;
-      this.polygon(this.lidar.degrees >= 360 ? ends : [frame.robot, ...ends], GREEN);
+      this.polygon(this.lidar.degrees >= 360 ? ends : [crowdbench.sensor(frame.robot, this.lidar), ...ends], GREEN);
       this.context.globalAlpha = 1;
     }
 
@@ -170,7 +170,7 @@
 
     person(person) {
       const [x, y] = person.position;
-      const { radius } = this.episode;
+      const { radius } = person;
       const colour = this.colourOf(person);
       const ring = person.sees === false;
       this.disc(x, y, radius, colour);
@@ -197,10 +197,10 @@
     intent(person, time) {
       if (person.intent === "keep" || person.switchTime === null || person.switchTime < time) return;
       const [x, y] = person.position;
-      this.ring(x, y, this.episode.radius + 0.1, 0.04, PINK, [0.1, 0.08]);
+      this.ring(x, y, person.radius + 0.1, 0.04, PINK, [0.1, 0.08]);
       const left = (person.switchTime - time).toFixed(1);
       this.text(`${person.intent === "return" ? "turns back" : "new goal"} in ${left} s`,
-        x, y + this.episode.radius + 0.3, PINK);
+        x, y + person.radius + 0.3, PINK);
     }
 
     // Who is concerned by what happens now or happened just before.
@@ -213,11 +213,11 @@
         if (!now || (event.kind === "switch" && !shown.intents)) continue;
         const colour = { cutoff: ORANGE, ttc: SKY, switch: PINK, collision: VERMILION }[event.kind];
         const ended = event.kind === "collision";
-        const [x, y] = event.pedestrian === null
-          ? frame.robot : frame.people[event.pedestrian].position;
         if (!colour || (event.pedestrian === null && !ended)) continue;
-        const radius = episode.radius + (event.kind === "ttc" ? 0.1 : 0.18);
-        this.ring(x, y, radius, ended ? 0.09 : 0.06, colour);
+        const { position: [x, y], radius } = event.pedestrian === null
+          ? { position: frame.robot, radius: Math.hypot(...episode.footprint) / 2 }
+          : frame.people[event.pedestrian];
+        this.ring(x, y, radius + (event.kind === "ttc" ? 0.1 : 0.18), ended ? 0.09 : 0.06, colour);
       }
     }
 

@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from crowdbench_agents.learning.perception import (
-    FRAMES,
-    MapGeometry,
-    ObstacleMap,
-    ObstacleMaps,
-    reflect,
-)
+from crowdbench_agents.learning.inputs import reflect
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from crowdbench import MapGeometry, ObstacleMap, ObstacleMaps
+
+FRAMES = ObstacleMaps.FRAMES
 RANGE = 6.0
 ANGLES = np.arange(180) * (2 * np.pi / 180)
 

@@ -1,24 +1,23 @@
-"""Perception of the learned agents: scans and odometry become a stacked obstacle map.
+"""The stacked obstacle map: the last eight scans as one small image, what learned agents see.
 
-The last eight LiDAR scans are moved into the current robot frame with the odometry (translation
-and rotation) and drawn into one small grid per scan: what stands still falls into the same cell in
-every frame, what moves leaves a trail (paper, section III.A). The frames are stored as the bits
-of one byte per cell, so a map takes 2.3 kB.
+The scans are moved into the current robot frame with the odometry (translation and rotation) and
+drawn into one small grid per scan: what stands still falls into the same cell in every frame, what
+moves leaves a trail (paper, section III.A). The frames are stored as the bits of one byte per cell,
+so a map of 48 x 48 cells takes 2.3 kB.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 
-FRAMES = 8
-"""Scans in a map, one bit each; bit 0 is the current scan, bit k the one k steps ago."""
-
+_FRAMES = 8
 _HIT_MARGIN = 1e-3  # a beam that returns the full range hit nothing [m]
 
 
@@ -57,6 +56,9 @@ class ObstacleMaps:
         geometry: where the map lies.
     """
 
+    FRAMES: ClassVar[int] = _FRAMES
+    """Scans in a map, one bit each; bit 0 is the current scan, bit k the one k steps ago."""
+
     def __init__(
         self,
         robots: int,
@@ -68,14 +70,14 @@ class ObstacleMaps:
         self._range = float(lidar_range)
         self._cos = np.cos(lidar_angles).astype(np.float64)
         self._sin = np.sin(lidar_angles).astype(np.float64)
-        self._points = np.zeros((robots, FRAMES, len(lidar_angles), 2), np.float64)
-        self._hits = np.zeros((robots, FRAMES), np.int64)
+        self._points = np.zeros((robots, _FRAMES, len(lidar_angles), 2), np.float64)
+        self._hits = np.zeros((robots, _FRAMES), np.int64)
         self._head = np.zeros(robots, np.int64)
 
-    def reset(self, robot: int) -> None:
-        """Forget the scans of one robot; frames not yet seen are empty."""
-        self._hits[robot] = 0
-        self._head[robot] = 0
+    def reset(self, robots: int | slice) -> None:
+        """Forget the scans of some robots; frames not yet seen are empty."""
+        self._hits[robots] = 0
+        self._head[robots] = 0
 
     def update(
         self,
@@ -130,19 +132,26 @@ class ObstacleMap:
         return self._maps.update(lidar[None], pose[None])[0]
 
 
-def reflect(maps: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Swap left and right of maps (..., cells, cells)."""
-    return np.ascontiguousarray(maps[..., ::-1])
-
-
 @compiled(fastmath=True)
 def _update_all(
-    maps, which, points, hits, head, lidar, pose, cos, sin, reach, x0, y0, inverse_cell
-):  # pragma: no cover
+    maps: NDArray[np.uint8],
+    which: NDArray[np.int64],
+    points: NDArray[np.float64],
+    hits: NDArray[np.int64],
+    head: NDArray[np.int64],
+    lidar: NDArray[np.float32],
+    pose: NDArray[np.float32],
+    cos: NDArray[np.float64],
+    sin: NDArray[np.float64],
+    reach: float,
+    x0: float,
+    y0: float,
+    inverse_cell: float,
+) -> None:  # pragma: no cover
     for row in range(len(which)):
         robot = which[row]
         # The scan becomes points in the odometry frame, so moving the robot moves no point.
-        head[robot] = (head[robot] + 1) % FRAMES
+        head[robot] = (head[robot] + 1) % _FRAMES
         newest = head[robot]
         x, y, heading = pose[row, 0], pose[row, 1], pose[row, 2]
         c, s = math.cos(heading), math.sin(heading)
@@ -155,8 +164,8 @@ def _update_all(
                 points[robot, newest, count, 1] = y + s * dx + c * dy
                 count += 1
         hits[robot, newest] = count
-        for age in range(FRAMES):
-            frame = (newest - age) % FRAMES
+        for age in range(_FRAMES):
+            frame = (newest - age) % _FRAMES
             bit = np.uint8(1 << age)
             for k in range(hits[robot, frame]):
                 dx = points[robot, frame, k, 0] - x
