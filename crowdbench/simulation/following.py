@@ -98,6 +98,7 @@ def follow(
         for p in range(world.people):
             person, walk = people[lane, p], walks[lane, p]
             leaves = False
+            _go_where_told(person, walk, network)
             if walk.waiting == 0 and _is_due(person, walk, world, network, regions):
                 late = world.time >= person.deadline
                 _draw_leg(person, walk, world, around, draws[lane, p], regions)
@@ -128,6 +129,16 @@ def follow(
 
 
 @compiled()
+def _go_where_told(person, walk, network):  # type: ignore[no-untyped-def]
+    """Head for a goal that the person was given on the way, e.g. a place in a queue."""
+    x, y, last = person.goal[0], person.goal[1], walk.last
+    if walk.stops[last, 0] != x or walk.stops[last, 1] != y:
+        walk.stops[last, 0], walk.stops[last, 1] = x, y
+        walk.stage, walk.waiting = last, 0
+        _plan(person.position[0], person.position[1], walk, network)
+
+
+@compiled()
 def _is_due(person, walk, world, network, regions):  # type: ignore[no-untyped-def]
     """Switch a leg and count a region that has been reached; whether another leg is due."""
     x, y = person.position[0], person.position[1]
@@ -145,7 +156,7 @@ def _is_due(person, walk, world, network, regions):  # type: ignore[no-untyped-d
             walk.stage += 1
             _plan(x, y, walk, network)
         reached = False
-    return world.walks_on and (reached or world.time >= person.deadline)
+    return person.walks_on and (reached or world.time >= person.deadline)
 
 
 @compiled()

@@ -235,9 +235,9 @@ def _connected(ways: Ways, starts: Reals, goals: Reals) -> bool:
 
 
 def _members(scenario: Scenario) -> Wholes:
-    """(P,) stream of every person: the first ones walk in the first, the last ones in none."""
+    """(P,) stream of every person: after those of queues the first ones walk in the first one."""
     member = np.full(scenario.pedestrians.count, -1, dtype=np.int64)
-    first = 0
+    first = sum(queue.count + 1 for queue in scenario.pedestrians.queues)
     for i, size in enumerate(stream_sizes(scenario)):
         member[first : first + size] = i
         first += size

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from crowdbench.compiled import compiled
 from crowdbench.scenario.streams import MOST_VIA
 from crowdbench.simulation.following import PLACE, length_of, place_of
-from crowdbench.simulation.map_layout import NoPlaceError
+from crowdbench.simulation.map_layout import CrowdedError
 from crowdbench.simulation.routes import Network, Regions, Routes
 from crowdbench.simulation.ways import lengths_to, next_point
 
@@ -22,11 +22,12 @@ _DRAWS = 1 + (MOST_VIA + 2) * PLACE
 def spread(
     rng: np.random.Generator,
     routes: Routes,
+    order: NDArray[np.int64],
     discs: NDArray[np.float64],
     fixed: int,
     stage: NDArray[np.int64],
 ) -> int:
-    """Place everybody who walks in a stream, without overlap; these are the first ones.
+    """Place everybody who walks in a stream, without overlap.
 
     Each is a share of the way, drawn like the way itself, between a place of the stream's start
     and one of its goal.
@@ -34,7 +35,8 @@ def spread(
     Args:
         rng: where draws come from.
         routes: of the scenario.
-        discs: (fixed + P, 3) x, y, radius; x and y of people in streams are written [m].
+        order: (N,) numbers of the people to be placed, those in streams first.
+        discs: (fixed + N, 3) x, y, radius; x and y of people in streams are written [m].
         fixed: the first ones that are taken.
         stage: (P,) written: how many regions on the way each has passed.
 
@@ -42,19 +44,20 @@ def spread(
         How many walk in streams.
 
     Raises:
-        NoPlaceError: somebody found no place.
+        CrowdedError: somebody found no place.
     """
-    for p, stream in enumerate(routes.member.tolist()):
+    for i, p in enumerate(order.tolist()):
+        stream = routes.member[p]
         if stream < 0:
-            return p
+            return i
         for _ in range(_BATCHES):
             draws = rng.random((_BATCH, _DRAWS))
-            stage[p] = _place_along(draws, discs, fixed + p, stream, routes.network, routes.regions)
+            stage[p] = _place_along(draws, discs, fixed + i, stream, routes.network, routes.regions)
             if stage[p] >= 0:
                 break
         else:
-            raise NoPlaceError(f"pedestrian {p + 1} of {len(stage)} found no place in its stream")
-    return len(stage)
+            raise CrowdedError(f"pedestrian {p + 1} of {len(stage)} found no place in its stream")
+    return len(order)
 
 
 @compiled()

@@ -152,7 +152,7 @@ def test_a_model_of_another_package_is_found_by_its_name(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(WALKING_MODELS, "_points", None)
     monkeypatch.setattr(WALKING_MODELS, "_known", dict(WALKING_MODELS._known))
-    assert list(WALKING_MODELS) == [*MODELS, "polite"]
+    assert {*MODELS, "polite"} < set(WALKING_MODELS)
     scenario = CROWD.override({"pedestrians.model": "polite", "robots.count": 1})
     stood = 0
     for seed in range(5):
