@@ -70,9 +70,7 @@ def completed(scenario: Scenario) -> dict[str, Any]:
     if people.control != "scripted":
         raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
     if arena.kind != "open":
-        raise ValueError(
-            f"arena.kind: {arena.kind!r}; allowed for recorded people: open"
-        )
+        raise ValueError(f"arena.kind: {arena.kind!r}; allowed for recorded people: open")
     if scenario.obstacles.count:
         raise ValueError("obstacles.count: allowed with pedestrians.model 'recorded': 0")
     recording, digest = load(people.recording)
