@@ -106,7 +106,7 @@ class Orca(crowdbench.Agent):
             velocity[None],
             preferred[None],
             np.array([robot.speed[1]]),
-            robot.radius + self._margin,
+            np.array([robot.radius + self._margin]),
             np.ones((1, len(moving)), dtype=np.bool_),
             places,
             np.ascontiguousarray(moving[:, 2:4]),

@@ -43,7 +43,7 @@ def misfit(scenario: Scenario) -> str:
     needs = [("length", diameter, "for a robot of robots.length x robots.width to turn")]
     needs += [("width", *needs[0][1:])]
     if people.count:
-        across = 2 * people.radius
+        across = 2 * people.radii[1]
         needs += [(side, across, "for pedestrians.radius") for side in ("length", "width")]
     if scenario.obstacles.count:
         across = 2 * scenario.obstacles.radius[0]

@@ -184,7 +184,7 @@ class Bodies:
         pose: NDArray[np.float64],
         corners: list[tuple[float, float]],
         position: NDArray[np.float64],
-        radius: float,
+        radius: NDArray[np.float64],
         obstacles: NDArray[np.float64],
         walls: NDArray[np.float64],
         contacts: NDArray[np.float64],
@@ -196,7 +196,7 @@ class Bodies:
         Args:
             pose: (R, 3) of robots, x, y [m], heading [rad].
             corners: of their footprint [m].
-            position: (P, 2) of pedestrians [m], all of ``radius`` [m].
+            position, radius: (P, 2), (P,) of pedestrians [m].
             obstacles: (K, 3) x, y, radius [m].
             walls: (S, 4) x1, y1, x2, y2 [m].
             contacts: (R, CONTACT) C-contiguous; must outlive this.
@@ -215,9 +215,9 @@ class Bodies:
             shape = lib.cpPolyShapeNew(body, len(corners), corners, _IDENTITY, 0.0)
             lib.cpShapeSetCollisionType(shape, _COLLIDES)
             self._add_shape(shape, _ROBOT, r)
-        for p, (x, y) in enumerate(position.tolist()):
+        for p, ((x, y), around) in enumerate(zip(position.tolist(), radius.tolist(), strict=True)):
             body = self._add_body(_MASS_OF_PERSON, x, y)
-            self._add_shape(lib.cpCircleShapeNew(body, radius, (0.0, 0.0)), _PEDESTRIAN, p)
+            self._add_shape(lib.cpCircleShapeNew(body, around, (0.0, 0.0)), _PEDESTRIAN, p)
         for k, (x, y, around) in enumerate(obstacles.tolist()):
             self._add_shape(lib.cpCircleShapeNew(ground, around, (x, y)), _OBSTACLE, k)
         for s, (x1, y1, x2, y2) in enumerate(walls.tolist()):

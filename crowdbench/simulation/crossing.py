@@ -14,6 +14,7 @@ from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.layout import WALL_CLEARANCE, Layout
 from crowdbench.simulation.recorded import Tracks, away, distances
+from crowdbench.simulation.traits import draw_traits
 from crowdbench.simulation.walls import walls_of
 
 NEAR = 1.0
@@ -55,7 +56,7 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
         if ways is None:
             continue
         present = recording.at(begin).positions - centre
-        clear = robot_radius(robots) + scenario.pedestrians.radius
+        clear = robot_radius(robots) + scenario.pedestrians.radii[1]
         clear += scenario.pedestrians.spawn_clearance
         apart = distances(present, ways[:, 0])
         if (apart <= clear).any():
@@ -81,6 +82,7 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
             walls,
             np.where(there, tracks.at(0), away(count)),
             reactive,
+            draw_traits(scenario.pedestrians, seed),
             tracks,
         )
     raise NoRoomError(

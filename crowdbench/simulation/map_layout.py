@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,10 +48,10 @@ class Places:
     obstacles: Spots
 
     def draw_robots(
-        self, rng: np.random.Generator
+        self, rng: np.random.Generator, avoided: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Poses (R, 3) and goals (R, 2), a robot's diameter and tolerance apart; faces roughly
-        along the way.
+        along the way. None of them lies within a disc of ``avoided`` (N, 3).
 
         Raises:
             NoPlaceError: one found no place.
@@ -63,6 +64,8 @@ class Places:
             for _ in range(_BATCH):
                 start, goal = self.starts.draw(rng, 1)[0], self.goals.draw(rng, 1)[0]
                 turn = rng.uniform(-math.pi / 6, math.pi / 6)
+                if not (_is_clear(start, avoided) and _is_clear(goal, avoided)):
+                    continue
                 if _apart(start, np.vstack([ends, goal]), gap) and _apart(goal, ends, gap):
                     way = self.ways.path(start, goal)
                     if len(way):
@@ -118,6 +121,10 @@ def robot_clearance(scenario: Scenario) -> float:
     return robot_radius(scenario.robots) + WALL_CLEARANCE
 
 
+_recent: deque[Places] = deque(maxlen=4)
+"""Places found last: who has checked a scenario begins an episode of it next."""
+
+
 def places_of(scenario: Scenario) -> Places | None:
     """Where everybody may begin; None where no region says so.
 
@@ -128,11 +135,14 @@ def places_of(scenario: Scenario) -> Places | None:
     robots, people = scenario.robots, scenario.pedestrians
     if robots.start is None or robots.goal is None:
         return None
+    for known in _recent:
+        if known.scenario is scenario:
+            return known
     clearance = robot_clearance(scenario)
     at_goal = max(clearance, robots.goal_tolerance)  # so that no goal is reached through a wall
     beside = scenario.obstacles.radius[1] + passage(robots)
     walls = walls_of(scenario)
-    ground = Ground(scenario.arena, walls, max(at_goal, people.radius, beside))
+    ground = Ground(scenario.arena, walls, max(at_goal, people.radii[1], beside))
     ways = Ways(walls, np.empty((0, 3)), clearance)
     starts = _room_for(scenario, ground, ways, "start", robots.start, clearance)
     goals = _room_for(scenario, ground, ways, "goal", robots.goal, at_goal)
@@ -149,15 +159,15 @@ def places_of(scenario: Scenario) -> Places | None:
             f"{_named(robots.start)} (robots.start); allowed: passages at least "
             f"{2 * clearance:.2f} m wide, for the circle around the robot"
         )
-    walkable = ground.connected(people.radius)
+    walkable = ground.connected(people.radii[1])
     met = np.unique(walkable[starts | goals])
-    room = ground.free(people.radius) & np.isin(walkable, met[met > 0])
+    room = ground.free(people.radii[1]) & np.isin(walkable, met[met > 0])
     if people.count and not room.any():
         raise ScenarioError(
-            f"scenario {scenario.name!r}: pedestrians.radius: {people.radius:g} m leaves no room "
+            f"scenario {scenario.name!r}: pedestrians.radius: {people.radii[1]:g} m leaves no room "
             "where robots drive; allowed: less, or more room between walls"
         )
-    return Places(
+    places = Places(
         scenario=scenario,
         ground=ground,
         walls=walls,
@@ -167,6 +177,8 @@ def places_of(scenario: Scenario) -> Places | None:
         people=ground.spots(room),
         obstacles=ground.spots(ground.free(beside)),
     )
+    _recent.append(places)
+    return places
 
 
 def _room_for(
@@ -216,6 +228,12 @@ def _apart(place: NDArray[np.float64], others: NDArray[np.float64], gap: float) 
     """Whether a place (2,) is at least ``gap`` [m] from all others (N, 2)."""
     dx, dy = (others - place).T
     return bool((np.sqrt(dx * dx + dy * dy) > gap).all())
+
+
+def _is_clear(place: NDArray[np.float64], discs: NDArray[np.float64]) -> bool:
+    """Whether a place (2,) lies within none of some discs (N, 3)."""
+    dx, dy = (discs[:, :2] - place).T
+    return bool((np.sqrt(dx * dx + dy * dy) > discs[:, 2]).all())
 
 
 def _fit(

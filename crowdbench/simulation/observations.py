@@ -14,13 +14,19 @@ from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
 
 
 def agent_spaces(
-    scenario: Scenario, drive: Drive, robots: list[str], walkers: list[str], top_speed: float
+    scenario: Scenario,
+    drive: Drive,
+    robots: list[str],
+    walkers: list[str],
+    top_speed: float,
+    obstacle_map: MapGeometry | None = None,
 ) -> tuple[dict[str, spaces.Space[Any]], dict[str, spaces.Space[Any]]]:
     """Action and observation spaces by agent; agents of a kind share theirs."""
     body = scenario.robots
@@ -28,14 +34,15 @@ def agent_spaces(
     act = spaces.Box(low, high, dtype=np.float32)
     walk = spaces.Box(-top_speed, top_speed, (2,), dtype=np.float32)
     rest_low, rest_high = np.minimum(low, 0), np.maximum(high, 0)
-    sense = spaces.Dict(
-        {
-            "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
-            "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
-            "goal": _unbounded(2),
-            "pose": _unbounded(3),
-        }
-    )
+    parts: dict[str, spaces.Space[Any]] = {
+        "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
+        "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
+        "goal": _unbounded(2),
+        "pose": _unbounded(3),
+    }
+    if obstacle_map is not None:
+        parts["map"] = spaces.Box(0, 255, (obstacle_map.cells, obstacle_map.cells), np.uint8)
+    sense = spaces.Dict(parts)
     others = max(0, scenario.pedestrians.count - 1)
     look = spaces.Dict(
         {
@@ -83,11 +90,19 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_goal": real(p, 2),
             "pedestrian_start": real(p, 2),
             "pedestrian_speed": real(p),
+            "pedestrian_acceleration": real(p),
             "pedestrian_radius": real(p),
             "pedestrian_intent": spaces.Box(0, len(INTENTS) - 1, (p,), np.int64),
             "pedestrian_switch_time": real(p),
             "pedestrian_next_goal": real(p, 2),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
+            "pedestrian_attentive": spaces.Box(0, 1, (p,), np.bool_),
+            "pedestrian_attention_time": real(p),
+            "pedestrian_queue": spaces.Box(-1, p, (p,), np.int64),
+            "pedestrian_place": spaces.Box(-1, p, (p,), np.int64),
+            "pedestrian_served_time": real(p),
+            "pedestrian_stop_time": real(p),
+            "pedestrian_stop_end": real(p),
             "obstacles": real(k, 3),
             "walls": real(walls, 4),
             **recorded,
@@ -113,11 +128,19 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_goal": people.goal.copy(),
         "pedestrian_start": people.start.copy(),
         "pedestrian_speed": people.speed.copy(),
+        "pedestrian_acceleration": people.acceleration.copy(),
         "pedestrian_radius": people.radius.copy(),
         "pedestrian_intent": people.intent.copy(),
         "pedestrian_switch_time": people.switch_time.copy(),
         "pedestrian_next_goal": people.next_goal.copy(),
         "pedestrian_reactive": people.reactive.copy(),
+        "pedestrian_attentive": people.attentive.copy(),
+        "pedestrian_attention_time": people.attention_time.copy(),
+        "pedestrian_queue": people.queue.copy(),
+        "pedestrian_place": people.place.copy(),
+        "pedestrian_served_time": people.served_time.copy(),
+        "pedestrian_stop_time": people.stop_time.copy(),
+        "pedestrian_stop_end": people.stop_end.copy(),
         "obstacles": world.layout.obstacles.copy(),
         "walls": world.layout.walls.copy(),
         **world.recorded(),
@@ -127,8 +150,17 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
 def observe_robots(world: World, robots: list[str]) -> dict[str, dict[str, Any]]:
     """Observations of the robots that are there, as arrays of their own, by their names."""
     world.observe()
-    rows = zip(robots, world.seen, world.active.tolist(), strict=True)
-    return {name: as_observation(row.copy()) for name, row, there in rows if there}
+    maps = [None] * len(robots) if world.maps is None else world.maps.copy()
+    rows = zip(robots, world.seen, maps, world.active.tolist(), strict=True)
+    return {name: as_observation(row.copy(), image) for name, row, image, there in rows if there}
+
+
+def final_goal(world: World, robot: int) -> tuple[float, float]:
+    """A robot's goal in the frame of its odometry [m]."""
+    x, y, heading = world.layout.robot_pose[robot].tolist()
+    goal_x, goal_y = world.layout.robot_goal[robot].tolist()
+    x, y, cosine, sine = goal_x - x, goal_y - y, math.cos(heading), math.sin(heading)
+    return cosine * x + sine * y, cosine * y - sine * x
 
 
 def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:

@@ -73,7 +73,7 @@ def decide(
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
             if world.time >= person.switch_time:
                 _aim(person, person.next_goal[0], person.next_goal[1], world.time)
-            elif world.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+            elif person.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
                 _begin_leg(person, world, obstacles[lane], draws[lane, p])
                 exhausted = exhausted or person.drawn == LEGS_AHEAD
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
@@ -139,7 +139,7 @@ def _first_fit(leg, begin, x, y, world, obstacles):  # type: ignore[no-untyped-d
             inside = False
             for o in range(world.obstacles):
                 dx, dy = px - obstacles[o, 0], py - obstacles[o, 1]
-                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.radius)
+                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.largest_radius)
                 inside = inside or not gap > ARRIVAL
             if inside and strict == 0:
                 continue

@@ -172,7 +172,7 @@ def _evading(
         crowd.velocity[one],
         wanted[None],
         np.array([fastest]),
-        crowd.radius,
+        crowd.radius[one],
         crowd.sees_robot[one],
         crowd.robot_position,
         crowd.robot_velocity,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.layout import Layout
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.worlds import Worlds
 
@@ -24,11 +25,18 @@ class Pedestrians(NamedTuple):
         position, velocity: (P, 2) [m], [m/s].
         goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
         speed: (P,) preferred speed, never exceeded [m/s].
+        acceleration: (P,) limit on the change of velocity, inf without one [m/s^2].
         radius: (P,) of the discs that they are [m].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
         present: (P,) in the scene; others are far from it.
         reactive: (P,) sees the robots; the others are non-reactive.
+        attentive: (P,) does not look away now.
+        attention_time: (P,) when that changes, inf for those who never look away [s].
+        queue: (P,) that each belongs to, -1 for none.
+        place: (P,) in the queue, from 0, -1 while somewhere else.
+        served_time: (P,) when the first one in line leaves, inf before it is served [s].
+        stop_time, stop_end: (P,) when the stop on this leg is, inf without one [s].
         chosen: (P, 2) how they walk in this control period [m/s].
     """
 
@@ -38,11 +46,19 @@ class Pedestrians(NamedTuple):
     start: NDArray[np.float64]
     next_goal: NDArray[np.float64]
     speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
     radius: NDArray[np.float64]
     intent: NDArray[np.int64]
     switch_time: NDArray[np.float64]
     present: NDArray[np.bool_]
     reactive: NDArray[np.bool_]
+    attentive: NDArray[np.bool_]
+    attention_time: NDArray[np.float64]
+    queue: NDArray[np.int64]
+    place: NDArray[np.int64]
+    served_time: NDArray[np.float64]
+    stop_time: NDArray[np.float64]
+    stop_end: NDArray[np.float64]
     chosen: NDArray[np.float64]
 
 
@@ -61,6 +77,7 @@ class Lane:
         goals: (R, 2) [m].
         pedestrians: everybody who walks.
         seen: (R, PROPRIOCEPTION + beams) what robots observe, as ``as_observation`` names it.
+        maps: (R, cells, cells) their obstacle maps, where they are asked for.
         terms: (R, 3) of the reward, as in TERMS.
         outcome: (R,) index into OUTCOMES.
     """
@@ -78,6 +95,7 @@ class Lane:
         people = worlds.state.people[lane, :count]
         self.pedestrians = Pedestrians(**{name: people[name] for name in Pedestrians._fields})
         self.seen = worlds.state.seen[lane]
+        self.maps = None if worlds.drawn is None else worlds.drawn.maps[lane]
 
     @property
     def time(self) -> float:
@@ -109,7 +127,9 @@ class Lane:
 class World(Lane):
     """One world by itself."""
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(
+        self, scenario: Scenario, seed: int, obstacle_map: MapGeometry | None = None
+    ) -> None:
         """Place everything.
 
         Raises:
@@ -117,7 +137,7 @@ class World(Lane):
                 model cannot be used.
         """
         self._scenario = scenario
-        worlds = Worlds(1, [scenario])
+        worlds = Worlds(1, [scenario], obstacle_map)
         worlds.begin(0, scenario, seed)
         super().__init__(worlds, 0)
 

@@ -18,6 +18,14 @@ from crowdbench.agent import lidar_angles
 from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
+from crowdbench.simulation.guidance import Guidance
+from crowdbench.simulation.habits import (
+    AFTER_CHOICE,
+    BEFORE_CHOICE,
+    BEFORE_LEGS,
+    HabitLanes,
+    begin_habits,
+)
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
@@ -31,12 +39,14 @@ from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.sensing import add_noise, observe, outline
+from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
+from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
 Lanes = NDArray[np.int64]
@@ -85,16 +95,28 @@ class Worlds:
     Attributes:
         state: of all lanes, as compiled functions know it.
         episodes: (L,) the present ones.
+        drawn: the robots' obstacle maps, where they are asked for.
     """
 
-    def __init__(self, lanes: int, scenarios: Sequence[Scenario]) -> None:
+    def __init__(
+        self,
+        lanes: int,
+        scenarios: Sequence[Scenario],
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Make room for any of the scenarios in every lane; robots and LiDAR have to be alike."""
         self.state = allocate(lanes, scenarios)
+        self.drawn: DrawnMaps | None = None
+        if obstacle_map is not None:
+            self.drawn = DrawnMaps(lanes, scenarios[0], obstacle_map)
         self.episodes: list[Episode | None] = [None] * lanes
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
+        on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
+        self._guidance = Guidance(lanes, scenarios) if on_map else None
+        self._habits = HabitLanes()
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
 
@@ -119,12 +141,14 @@ class Worlds:
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
         state.walls[lane, : len(layout.walls)] = layout.walls
         self._place_robots(lane, layout, prepared)
+        if self._guidance is not None:
+            self._guidance.begin(lane, prepared.places, state.robots)
         drawing = self._place_people(lane, layout, seed, scenario)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            scenario.pedestrians.radius,
+            layout.traits.radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
@@ -141,10 +165,13 @@ class Worlds:
             DriftingOdometry(scenario.robots.odometry, pose, streams.odometry(seed, r))
             for r, pose in enumerate(layout.robot_pose if prepared.drifts else ())
         ]
+        if self.drawn is not None:
+            self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
+        self._habits.note(lane, scenario.pedestrians)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
         self.episodes[lane] = Episode(
             prepared, seed, layout, bodies, model, drawing, noise, drifting
@@ -165,8 +192,10 @@ class Worlds:
             ScenarioError: a walking model returns no velocities.
         """
         s = self.state
+        self._habits.act(BEFORE_LEGS, lanes, s)
         if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
             self._draw()
+        self._habits.act(BEFORE_CHOICE, lanes, s)
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
         for kernel in set(kernels):
             which = lanes[np.array([other is kernel for other in kernels])]
@@ -188,6 +217,7 @@ class Worlds:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
+        self._habits.act(AFTER_CHOICE, lanes, s)
         if s.under_way.shape[2]:
             commands = self._delay(lanes, commands)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
@@ -205,24 +235,29 @@ class Worlds:
         if s.robots.shape[1] > 1:
             outline(lanes, s.worlds, s.robots)
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
+        if self._guidance is not None:
+            self._guidance.observe(lanes, s.robots, s.seen)
         for lane in self._noisy.intersection(lanes.tolist()):
             episode = self.episode(lane)
             for r, noise in enumerate(episode.noise):
                 if s.robots["active"][lane, r]:
                     scan = s.seen[lane, r, PROPRIOCEPTION:]
                     add_noise(scan, episode.prepared.scenario, noise)
-
         for lane in self._drifting.intersection(lanes.tolist()):
             robots = s.robots[lane]
             for r in np.flatnonzero(robots["active"]).tolist():
                 odometry = self.episode(lane).odometry[r]
                 odometry.update(robots["pose"][r])
                 s.seen[lane, r, ODOMETRY] = odometry.wrapped()
+        if self.drawn is not None:
+            self.drawn.update(lanes, s.seen, s.robots["active"])
 
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
         s = self.state
         judge(lanes, s.worlds, s.robots, s.people, s.contacts)
+        if self._guidance is not None:
+            self._guidance.judge(lanes, s.worlds, s.robots)
 
     def remove(self, lane: int, robot: int) -> None:
         """Take a robot out of the scene."""
@@ -261,26 +296,28 @@ class Worlds:
         """Begin the first legs; returns where later ones are drawn from."""
         s, settings = self.state, scenario.pedestrians
         people = s.people[lane, : settings.count]
-        low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
         draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
         for row, stream in zip(draws, drawing, strict=True):
             stream.random(out=row)
-        people["speed"] = low + (high - low) * draws[:, 0]
+        people["speed"] = preferred_speeds(settings, draws[:, 0])
+        people["acceleration"] = settings.acceleration or np.inf
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
         people["present"] = True
         people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = settings.radius
+        people["radius"] = layout.traits.radius
         if layout.tracks is not None:
             self._follow(people, layout.tracks)
+            begin_habits(people, s.queues[lane], layout, settings)
             return drawing
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
         people["velocity"] = people["speed"][:, None] * directions
+        begin_habits(people, s.queues[lane], layout, settings)
         return drawing
 
     @staticmethod
@@ -343,7 +380,7 @@ class Worlds:
             heading=people["heading"].copy(),
             goal=people["goal"].copy(),
             preferred_speed=people["speed"].copy(),
-            radius=scenario.pedestrians.radius,
+            radius=people["radius"].copy(),
             present=people["present"].copy(),
             sees_robot=self.state.sees[lane, :count].copy(),
             robot_position=robots["pose"][:, :2].copy(),

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from bodies import turn
+from bodies import footprint, turn
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely.affinity import rotate, translate
-from shapely.geometry import Point, box
+from shapely.geometry import Point
 
 from crowdbench import Scenario
 from crowdbench.simulation import streams
@@ -16,11 +15,6 @@ from crowdbench.simulation.world import World
 
 ALONE = Scenario(name="alone", pedestrians={"count": 0})
 CROWD = Scenario(name="crowd", pedestrians={"count": 8, "goals": "multimodal"})
-
-
-def footprint(pose):
-    turned = rotate(box(-0.2, -0.15, 0.2, 0.15), pose[2], origin=(0, 0), use_radians=True)
-    return translate(turned, pose[0], pose[1])
 
 
 @given(v=st.floats(0, 1), w=st.floats(-1.5, 1.5), steps=st.integers(1, 10))

@@ -37,7 +37,7 @@
     const [x, y, heading] = crowdbench.sensor(frame.robot, lidar);
     const circles = [
       ...frame.people.filter(crowdbench.isThere)
-        .map(({ position: [px, py] }) => [px - x, py - y, episode.radius]),
+        .map(({ position: [px, py], radius }) => [px - x, py - y, radius]),
       ...episode.obstacles.map(([ox, oy, radius]) => [ox - x, oy - y, radius]),
     ];
     const edges = frame.others.flatMap((pose) => {
