@@ -45,7 +45,8 @@ key           shape       meaning
 ``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero, and
                           drifts by ``robots.odometry``
 ``map``       (cells,     uint8, where ``obstacle_map`` is given: bit k of a cell says that
-              cells)      something was there in the scan k steps ago, k = 0 .. 7
+              cells)      something was there in the scan k steps ago, k = 0 .. 7; drawn from
+                          where the robot will be when its next action begins to act
 ============  ==========  ==================================================================
 
 Pedestrians: ``Dict`` of float32, in world axes; everything but ``velocity`` is relative to the
