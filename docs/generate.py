@@ -29,29 +29,33 @@ def write(folder: Path) -> None:
 
 
 def _fields() -> Iterator[str]:
-    """A table per section of a scenario."""
+    """A table per section of a scenario, and per section within one."""
     schema = crowdbench.Scenario.model_json_schema()
-    yield from _table("At the top", {"properties": schema["properties"]})
-    yield from _sections(schema, schema["$defs"])
+    yield from _tables("", schema, schema["$defs"])
 
 
-def _sections(section: dict[str, Any], known: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    """A table per section within another, each followed by those within it."""
-    for key, field in section["properties"].items():
-        if "$ref" in field:
-            inner = known[field["$ref"].rpartition("/")[2]]
-            yield from _table(f"`{prefix}{key}`", inner)
-            yield from _sections(inner, known, f"{prefix}{key}.")
+def _tables(name: str, section: dict[str, Any], known: dict[str, Any]) -> Iterator[str]:
+    within = {key: _section_of(field) for key, field in section["properties"].items()}
+    own = {key: field for key, field in section["properties"].items() if not within[key]}
+    about = section.get("description", "") if name else ""
+    yield from _table(f"`{name}`" if name else "At the top", about, own)
+    for key, title in within.items():
+        if title:
+            yield from _tables(f"{name}.{key}" if name else key, known[title], known)
 
 
-def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
+def _section_of(field: dict[str, Any]) -> str:
+    """The name of the schema of a section, or of a list of such; empty for anything else."""
+    reference = field.get("$ref") or field.get("items", {}).get("$ref", "")
+    return str(reference.rpartition("/")[2])
+
+
+def _table(heading: str, about: str, fields: dict[str, Any]) -> Iterator[str]:
     yield f"## {heading}\n"
-    yield section.get("description", "") + "\n"
+    yield about + "\n"
     yield "| field | default | allowed | meaning |"
     yield "|---|---|---|---|"
-    for key, field in section["properties"].items():
-        if "$ref" in field:
-            continue
+    for key, field in fields.items():
         default = f"`{_text(field['default'])}`" if field.get("default", "") != "" else ""
         meaning = field.get("description", "").replace("|", r"\|")
         yield f"| `{key}` | {default} | {_allowed(field)} | {meaning} |"

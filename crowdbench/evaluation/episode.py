@@ -45,12 +45,17 @@ class Episode:
             differential one v [m/s], w [rad/s].
         other_robots: (T + 1, R - 1, 3) poses of the other robots, NaN once they are gone.
         pedestrian_reactive: (P,) which pedestrians see the robot.
+        pedestrian_attentive: (T + 1, P) who does not look away; reactive ones see the robot then.
         pedestrian_position: (T + 1, P, 2) [m]; NaN where somebody is not there.
         pedestrian_velocity: (T + 1, P, 2) [m/s].
         pedestrian_goal: (T + 1, P, 2) where each is heading now [m].
         pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden
             from the robot.
         pedestrian_switch_time: (T + 1, P) when the leg is interrupted [s]; inf for kept legs.
+        pedestrian_queue: (P,) the queue that each belongs to, -1 for none.
+        pedestrian_place: (T + 1, P) place in it, from 0, -1 for somebody who is somewhere else.
+        pedestrian_stop_time, pedestrian_stop_end: (T + 1, P) when the pedestrian stops on this leg
+            and walks on [s]; inf for legs without a stop.
         inference_s: (T,) wall-clock seconds spent in ``act``.
         outcome: how it ended.
         contact: what was touched when the outcome is ``collision``.
@@ -80,11 +85,16 @@ class Episode:
     actions: NDArray[np.float64]
     other_robots: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
+    pedestrian_attentive: NDArray[np.bool_]
     pedestrian_position: NDArray[np.float64]
     pedestrian_velocity: NDArray[np.float64]
     pedestrian_goal: NDArray[np.float64]
     pedestrian_intent: NDArray[np.int64]
     pedestrian_switch_time: NDArray[np.float64]
+    pedestrian_queue: NDArray[np.int64]
+    pedestrian_place: NDArray[np.int64]
+    pedestrian_stop_time: NDArray[np.float64]
+    pedestrian_stop_end: NDArray[np.float64]
     inference_s: NDArray[np.float64]
     outcome: Outcome
     contact: Contact | None = None

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from crowdbench.extensions import WALKING_MODELS
+from crowdbench.messages import Form
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
     NonNegative,
@@ -20,15 +21,15 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
+from crowdbench.scenario.habits import Attention, Queue, Stops
 from crowdbench.scenario.recorded import MOST, Recording
+
+Radius = Annotated[Positive, Field(le=2)]
 
 
 def _named(value: Any) -> Any:
     """Take a path alone for a recording that needs nothing else."""
     return {"file": value} if value and isinstance(value, str) else value
-
-
-Radius = Annotated[Positive, Field(le=2)]
 
 
 class Pedestrians(Section):
@@ -64,6 +65,7 @@ class Pedestrians(Section):
         "scripted", description="agents: each pedestrian is a PettingZoo agent too"
     )
     reactive: Share = Field(1.0, description="share of the pedestrians that see the robot")
+    attention: Attention = later(Attention(), "0.2", description="who looks away at times")
     field_of_view: Positive = Field(
         220.0, le=360, description="within which a reactive pedestrian sees the robot [deg]"
     )
@@ -84,6 +86,13 @@ class Pedestrians(Section):
         "0.2",
         description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
         "do not depend on what was in the way",
+    )
+    stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
+    standing: Share = later(
+        0.0, "0.2", description="share of the people that stand in a place of their own"
+    )
+    queues: Annotated[tuple[Queue, ...], Form("a list of queues")] = later(
+        (), "0.2", max_length=20, description="lines of people who wait to be served"
     )
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"

@@ -14,7 +14,7 @@ from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.layout import WALL_CLEARANCE, Layout
 from crowdbench.simulation.recorded import Tracks, away, distances
-from crowdbench.simulation.traits import draw_radii
+from crowdbench.simulation.traits import draw_traits
 from crowdbench.simulation.walls import walls_of
 
 NEAR = 1.0
@@ -81,8 +81,8 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
             np.empty((0, 3)),
             walls,
             np.where(there, tracks.at(0), away(count)),
-            draw_radii(scenario.pedestrians, seed),
             reactive,
+            draw_traits(scenario.pedestrians, seed),
             tracks,
         )
     raise NoRoomError(

@@ -64,7 +64,10 @@ WORLD = np.dtype(
         ("switch_probability", _REAL),  # 0 where goals are unimodal
         ("leg", _REAL),
         ("from_goal", _FLAG),  # legs start from the last goal
-        ("walks_on", _FLAG),  # on arrival
+        ("attentive_for", _REAL, 2),  # how long those who look away at times look around
+        ("away_for", _REAL, 2),
+        ("stop_share", _REAL),  # of the legs
+        ("stop_for", _REAL, 2),
         ("half_extent", _REAL),  # of the smallest body that moves
         ("arrival", _REAL),
         ("progress", _REAL),
@@ -123,7 +126,32 @@ PERSON = np.dtype(
         ("preferred", _REAL, 2),  # velocity if nobody was in the way
         ("chosen", _REAL, 2),  # velocity for this control period
         ("drawn", _WHOLE),  # legs begun of those whose draws are held ready
+        ("walks_on", _FLAG),  # on arrival
+        ("key", _ADDRESS),  # of what is drawn besides
+        ("attentive", _FLAG),  # does not look away now
+        ("attention_time", _REAL),  # when that changes, inf for never
+        ("looks", _WHOLE),  # changes so far
+        ("stop_time", _REAL),  # when the stop on this leg begins, inf without one
+        ("stop_end", _REAL),
+        ("stop_leg", _REAL),  # deadline of the leg that these belong to
+        ("stops", _WHOLE),  # legs so far, stops or none
+        ("queue", _WHOLE),  # that the person belongs to, -1 for none
+        ("place", _WHOLE),  # in it, from 0, -1 while the person is somewhere else
+        ("served_time", _REAL),  # when the first one leaves, inf before it is served
+        ("served", _WHOLE),  # how often so far
         ("body", _ADDRESS),  # Chipmunk's
+    ],
+    align=True,
+)
+
+
+QUEUE = np.dtype(
+    [
+        ("head", _REAL, 2),  # the first place
+        ("facing", _REAL, 2),  # unit vector
+        ("spacing", _REAL),
+        ("service", _REAL, 2),  # how long it lasts, at least and at most
+        ("last", _WHOLE),  # place in it
     ],
     align=True,
 )
@@ -136,6 +164,7 @@ class State(NamedTuple):
         worlds: (L,) records WORLD.
         robots: (L, R) records ROBOT.
         people: (L, P) records PERSON.
+        queues: (L, Q) records QUEUE.
         obstacles: (L, K, 3) x, y, radius [m].
         walls: (L, S, 4) x1, y1, x2, y2 [m].
         sees: (L, P, R) which pedestrian sees which robot now.
@@ -148,6 +177,7 @@ class State(NamedTuple):
     worlds: NDArray[np.void]
     robots: NDArray[np.void]
     people: NDArray[np.void]
+    queues: NDArray[np.void]
     obstacles: NDArray[np.float64]
     walls: NDArray[np.float64]
     sees: NDArray[np.bool_]
@@ -170,6 +200,7 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         worlds=make(WORLD),
         robots=make(ROBOT, robots),
         people=make(PERSON, people),
+        queues=make(QUEUE, max(len(scenario.pedestrians.queues) for scenario in scenarios)),
         obstacles=make(_REAL, obstacles, 3),
         walls=make(_REAL, max(len(walls_of(scenario)) for scenario in scenarios), 4),
         sees=make(_FLAG, people, robots),
@@ -206,8 +237,11 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "responsibility": people.responsibility,
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
-        "walks_on": people.on_arrival == "new_goal" and not people.recording.file,
         "from_goal": people.leg_from == "goal",
+        "attentive_for": np.array(people.attention.every),
+        "away_for": np.array(people.attention.away_for),
+        "stop_share": people.stops.share,
+        "stop_for": np.array(people.stops.duration),
         "half_extent": half_extent(scenario),
         **scenario.reward.model_dump(),
     }

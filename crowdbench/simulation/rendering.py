@@ -2,7 +2,7 @@
 
 Colours are those of Okabe and Ito (2008), told apart with every common form of colour blindness;
 whatever a colour says is said by a shape too: reactive pedestrians are filled discs, non-reactive
-ones are rings.
+ones, and those who look away, are rings.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class Renderer:
         for x in (left, end):
             pygame.draw.line(picture, BLACK, (x, low - 4), (x, low + 4), 2)
         self._text(picture, f"{bar:g} m", (end + 8, low), 15, BLACK)
-        kinds = np.asarray(state["pedestrian_reactive"], dtype=bool)
+        kinds = _sees(state)
         x = right
         if (~kinds).any():
             x = self._legend(picture, "does not see the robot", (x, low), filled=False)
@@ -196,9 +196,9 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), reactive in zip(pieces, state["pedestrian_reactive"], strict=True):
+            for (start, end), sees in zip(pieces, _sees(state), strict=True):
                 if np.isfinite(start[0] + end[0]):
-                    color = REACTIVE if reactive else NONREACTIVE
+                    color = REACTIVE if sees else NONREACTIVE
                     brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
             for index, end in enumerate(self._robots[step]):
@@ -221,6 +221,11 @@ def _import_pygame(window: bool) -> Any:
 
 def _robot(index: int) -> Color:
     return ROBOTS[index % len(ROBOTS)]
+
+
+def _sees(state: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """(P,) who sees robots now: the reactive ones who do not look away."""
+    return np.asarray(state["pedestrian_reactive"] & state["pedestrian_attentive"])
 
 
 def _mix(below: Color, above: Color, share: float) -> Color:
@@ -271,7 +276,7 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
 def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What is known of the pedestrians who are there."""
     there = np.isfinite(state["pedestrian_position"][:, 0])
-    names = ("position", "velocity", "goal", "radius", "reactive")
+    names = ("position", "velocity", "goal", "radius", "reactive", "attentive")
     return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
@@ -280,7 +285,7 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
     for position, goal, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_goal"],
-        state["pedestrian_reactive"],
+        _sees(state),
         strict=True,
     ):
         color = _mix(WHITE, REACTIVE if reactive else NONREACTIVE, 0.3)
@@ -298,7 +303,7 @@ def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
         state["pedestrian_position"],
         state["pedestrian_velocity"],
         state["pedestrian_radius"],
-        state["pedestrian_reactive"],
+        _sees(state),
         strict=True,
     ):
         color = REACTIVE if reactive else NONREACTIVE

@@ -31,6 +31,12 @@ class Pedestrians(NamedTuple):
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
         present: (P,) in the scene; others are far from it.
         reactive: (P,) sees the robots; the others are non-reactive.
+        attentive: (P,) does not look away now.
+        attention_time: (P,) when that changes, inf for those who never look away [s].
+        queue: (P,) that each belongs to, -1 for none.
+        place: (P,) in the queue, from 0, -1 while somewhere else.
+        served_time: (P,) when the first one in line leaves, inf before it is served [s].
+        stop_time, stop_end: (P,) when the stop on this leg is, inf without one [s].
         chosen: (P, 2) how they walk in this control period [m/s].
     """
 
@@ -46,6 +52,13 @@ class Pedestrians(NamedTuple):
     switch_time: NDArray[np.float64]
     present: NDArray[np.bool_]
     reactive: NDArray[np.bool_]
+    attentive: NDArray[np.bool_]
+    attention_time: NDArray[np.float64]
+    queue: NDArray[np.int64]
+    place: NDArray[np.int64]
+    served_time: NDArray[np.float64]
+    stop_time: NDArray[np.float64]
+    stop_end: NDArray[np.float64]
     chosen: NDArray[np.float64]
 
 

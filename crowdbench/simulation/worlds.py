@@ -19,6 +19,13 @@ from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
 from crowdbench.simulation.guidance import Guidance
+from crowdbench.simulation.habits import (
+    AFTER_CHOICE,
+    BEFORE_CHOICE,
+    BEFORE_LEGS,
+    HabitLanes,
+    begin_habits,
+)
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
@@ -31,7 +38,7 @@ from crowdbench.simulation.lanes import (
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.map_layout import Places, places_of
-from crowdbench.simulation.motion import limit_changes, move
+from crowdbench.simulation.motion import move
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
@@ -109,9 +116,9 @@ class Worlds:
         self._noisy: set[int] = set()
         on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
         self._guidance = Guidance(lanes, scenarios) if on_map else None
+        self._habits = HabitLanes()
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
-        self._slow: set[int] = set()  # lanes in which people's accelerations are limited
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -141,7 +148,7 @@ class Worlds:
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            layout.pedestrian_radius,
+            layout.traits.radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
@@ -164,9 +171,8 @@ class Worlds:
         self._kernels[lane] = walking.kernel_of(model)
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
+        self._habits.note(lane, scenario.pedestrians)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
-        slow = scenario.pedestrians.acceleration is not None
-        (self._slow.add if slow else self._slow.discard)(lane)
         self.episodes[lane] = Episode(
             prepared, seed, layout, bodies, model, drawing, noise, drifting
         )
@@ -186,8 +192,10 @@ class Worlds:
             ScenarioError: a walking model returns no velocities.
         """
         s = self.state
+        self._habits.act(BEFORE_LEGS, lanes, s)
         if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
             self._draw()
+        self._habits.act(BEFORE_CHOICE, lanes, s)
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
         for kernel in set(kernels):
             which = lanes[np.array([other is kernel for other in kernels])]
@@ -209,8 +217,7 @@ class Worlds:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
-        if slow := self._slow.intersection(lanes.tolist()):
-            limit_changes(np.array(sorted(slow)), s.worlds, s.people)
+        self._habits.act(AFTER_CHOICE, lanes, s)
         if s.under_way.shape[2]:
             commands = self._delay(lanes, commands)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
@@ -300,15 +307,17 @@ class Worlds:
         people["present"] = True
         people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = layout.pedestrian_radius
+        people["radius"] = layout.traits.radius
         if layout.tracks is not None:
             self._follow(people, layout.tracks)
+            begin_habits(people, s.queues[lane], layout, settings)
             return drawing
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
         people["velocity"] = people["speed"][:, None] * directions
+        begin_habits(people, s.queues[lane], layout, settings)
         return drawing
 
     @staticmethod

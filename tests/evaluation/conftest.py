@@ -51,7 +51,12 @@ def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, *
         "pedestrian_velocity": np.zeros_like(position) if velocities is None else crowd(velocities),
         "pedestrian_goal": np.zeros_like(position),
         "pedestrian_intent": np.zeros(people, dtype=np.int64),
+        "pedestrian_attentive": np.ones(people, dtype=bool),
         "pedestrian_switch_time": np.full(people, np.inf),
+        "pedestrian_queue": np.full(people[1], -1),
+        "pedestrian_place": np.full(people, -1),
+        "pedestrian_stop_time": np.full(people, np.inf),
+        "pedestrian_stop_end": np.full(people, np.inf),
         "inference_s": np.full(states - 1, 0.01),
         "outcome": "timeout",
     }

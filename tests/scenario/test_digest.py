@@ -13,6 +13,7 @@ from crowdbench.scenario import (
     load_scenario,
     scenario_names,
 )
+from crowdbench.scenario.habits import Attention, Stops
 from crowdbench.scenario.recorded import Recording
 
 DIGESTS = {
@@ -54,6 +55,18 @@ LATER_FIELDS: dict[str, object] = {
     "robots.look_ahead": 3.0,
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
+    "pedestrians.speed_mean": None,
+    "pedestrians.speed_deviation": None,
+    "pedestrians.acceleration": None,
+    "pedestrians.attention": Attention(),
+    "pedestrians.attention.away_share": 0.0,
+    "pedestrians.attention.away_for": (2.0, 5.0),
+    "pedestrians.attention.every": (5.0, 10.0),
+    "pedestrians.stops": Stops(),
+    "pedestrians.stops.share": 0.0,
+    "pedestrians.stops.duration": (2.0, 5.0),
+    "pedestrians.standing": 0.0,
+    "pedestrians.queues": (),
     "pedestrians.recording": Recording(),
     "pedestrians.recording.file": "",
     "pedestrians.recording.unit": None,
@@ -68,9 +81,6 @@ LATER_FIELDS: dict[str, object] = {
     "robots.odometry.translation_by_rotation": 0.0,
     "lidar.mount": (0.0, 0.0, 0.0),
     "pedestrians.leg_from": "position",
-    "pedestrians.speed_mean": None,
-    "pedestrians.speed_deviation": None,
-    "pedestrians.acceleration": None,
 }
 """Those declared with ``later`` and their defaults, which never change."""
 

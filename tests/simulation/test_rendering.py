@@ -32,19 +32,21 @@ def make_state(**changes):
         "pedestrian_goal": np.zeros((0, 2)),
         "pedestrian_radius": np.zeros(0),
         "pedestrian_reactive": np.zeros(0, bool),
+        "pedestrian_attentive": np.zeros(0, bool),
         "obstacles": np.zeros((0, 3)),
         "walls": np.zeros((0, 4)),
     }
     return state | {key: np.asarray(value) for key, value in changes.items()}
 
 
-def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True):
+def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, attentive=True):
     return {
         "pedestrian_position": np.array([position]),
         "pedestrian_velocity": np.array([velocity]),
         "pedestrian_goal": np.array([goal]),
         "pedestrian_radius": np.full(1, 0.25),
         "pedestrian_reactive": np.array([reactive]),
+        "pedestrian_attentive": np.array([attentive]),
     }
 
 
@@ -94,6 +96,8 @@ def test_the_same_state_gives_the_same_picture():
 def test_people_who_see_the_robot_are_discs_and_others_rings(position):
     seeing = paint(make_state(**person(position, reactive=True)))
     blind = paint(make_state(**person(position, reactive=False)))
+    away = paint(make_state(**person(position, attentive=False)))
+    np.testing.assert_array_equal(away, blind)
     rim = (position[0] + 0.2, position[1])
     assert near(pixel(seeing, *position), REACTIVE)
     assert near(pixel(seeing, *rim), REACTIVE)

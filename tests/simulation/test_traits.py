@@ -40,8 +40,8 @@ def test_radii_are_within_their_bounds_and_a_persons_own():
     some, more = (
         CROWD.override({"pedestrians": {"radius": [0.2, 0.3], "count": n}}) for n in (5, 9)
     )
-    radii = np.array([place(more, seed).pedestrian_radius for seed in range(200)])
-    np.testing.assert_array_equal(radii[7, :5], place(some, 7).pedestrian_radius)
+    radii = np.array([place(more, seed).traits.radius for seed in range(200)])
+    np.testing.assert_array_equal(radii[7, :5], place(some, 7).traits.radius)
     assert ((radii >= 0.2) & (radii <= 0.3)).all()
     np.testing.assert_allclose(np.quantile(radii, [0.1, 0.5, 0.9]), [0.21, 0.25, 0.29], atol=0.005)
 
@@ -76,7 +76,10 @@ def test_lidar_contacts_and_people_know_everybodys_own_size(seed):
         ]
         centre = Point(world.pose[0, :2])
         nearest = min(6.0, *(centre.distance(person) for person in people))
-        assert world.seen[0, PROPRIOCEPTION:].min() == pytest.approx(nearest, abs=0.03)
+        least = world.seen[0, PROPRIOCEPTION:].min()
+        assert least > nearest - 1e-3
+        if nearest < 2:  # farther away a person may be between two beams
+            assert least < nearest + 0.03
         if world.contacts:
             touched = world.contacts[0]
             assert footprint(world.pose[0]).distance(people[touched.index]) < 2e-3

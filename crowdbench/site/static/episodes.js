@@ -99,7 +99,7 @@
         goal: holding(episode.goals[p], state).slice(1),
         intent: episode.intents[intent],
         switchTime,
-        sees: episode.reactive[p],
+        sees: Boolean(holding(episode.sees[p], state)[1]),
         radius: episode.radii[p],
       });
     }
