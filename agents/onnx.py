@@ -105,7 +105,7 @@ class Onnx(crowdbench.Agent):
             warn_of_other_robot(f"the policy in {self._file}", self._trained, robot)
         if self._perception is not None and "map" in self._shapes:
             geometry = self._perception.geometry
-            self._map = crowdbench.ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
+            self._map = crowdbench.ObstacleMap(robot, geometry)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the network's action."""

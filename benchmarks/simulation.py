@@ -54,7 +54,7 @@ def map_microseconds(scenario: str) -> float:
     env = crowdbench.parallel_env(scenario)
     observation = env.reset(seed=0)[0]["robot_0"]
     robot = env.robot_spec()
-    stack = crowdbench.ObstacleMap(robot.lidar_angles, robot.lidar_range)
+    stack = crowdbench.ObstacleMap(robot)
     costs = []
     for _ in range(2_000):
         begin = time.perf_counter()

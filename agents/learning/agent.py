@@ -60,7 +60,7 @@ class LearnedAgent(crowdbench.Agent):
 
         warn_of_other_robot(self._name, self._trained, robot)
         geometry = self._config.perception.geometry
-        self._map = crowdbench.ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
+        self._map = crowdbench.ObstacleMap(robot, geometry)
         self._bounds = ActionBounds.of(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:

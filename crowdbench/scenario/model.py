@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from crowdbench.messages import Form, explain, quoted
-from crowdbench.scenario import maps, recorded, room
+from crowdbench.scenario import crowd, maps, recorded, room
 from crowdbench.scenario.changes import assign, flatten
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
@@ -101,7 +101,7 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _everybody_fits(self) -> Scenario:
-        if problem := maps.misplaced(self) or room.misfit(self):
+        if problem := maps.misplaced(self) or room.misfit(self) or crowd.misfit(self):
             raise ValueError(problem)
         return self
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from crowdbench.extensions import WALKING_MODELS
+from crowdbench.messages import Form
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
     NonNegative,
@@ -20,7 +21,7 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
-from crowdbench.scenario.habits import Attention, Stops
+from crowdbench.scenario.habits import Attention, Queue, Stops
 from crowdbench.scenario.recorded import MOST, Recording
 
 Radius = Annotated[Positive, Field(le=2)]
@@ -89,6 +90,9 @@ class Pedestrians(Section):
     stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
     standing: Share = later(
         0.0, "0.2", description="share of the people that stand in a place of their own"
+    )
+    queues: Annotated[tuple[Queue, ...], Form("a list of queues")] = later(
+        (), "0.2", max_length=20, description="lines of people who wait to be served"
     )
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"

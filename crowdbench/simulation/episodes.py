@@ -22,7 +22,10 @@ from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import Lane
 from crowdbench.simulation.worlds import Worlds
 
-_OWN = {"robots": {"travel", "goal_tolerance", "odometry"}, "lidar": {"noise", "dropout"}}
+_OWN = {
+    "robots": {"travel", "start", "goal", "look_ahead", "goal_tolerance", "odometry"},
+    "lidar": {"noise", "dropout"},
+}
 """Fields of robots and LiDAR in which lanes may differ."""
 
 

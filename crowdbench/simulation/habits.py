@@ -19,6 +19,7 @@ from crowdbench.simulation.draws import ATTENTION, STOPS, between
 from crowdbench.simulation.lanes import State
 from crowdbench.simulation.layout import Layout
 from crowdbench.simulation.motion import limit_changes
+from crowdbench.simulation.queues import begin_queues, queue_up
 from crowdbench.simulation.traits import smallest
 
 Lanes = NDArray[np.int64]
@@ -37,11 +38,13 @@ class Habit(NamedTuple):
     act: Callable[[Lanes, State], None]
 
 
-def begin_habits(people: NDArray[np.void], layout: Layout, settings: Pedestrians) -> None:
+def begin_habits(
+    people: NDArray[np.void], queues: NDArray[np.void], layout: Layout, settings: Pedestrians
+) -> None:
     """Give people whose first legs have begun what their habits need.
 
     Args:
-        people: (P,) records, written.
+        people, queues: (P,), (Q,) records, written.
         layout: says what they are like.
         settings: of the scenario.
     """
@@ -52,12 +55,14 @@ def begin_habits(people: NDArray[np.void], layout: Layout, settings: Pedestrians
     people["attentive"] = True
     people["attention_time"] = people["stop_time"] = people["stop_end"] = np.inf
     people["stop_leg"] = np.nan
-    share = settings.attention.away_share
-    for p in np.flatnonzero(smallest(traits.attention, layout.pedestrian_reactive, share)):
+    reactive = layout.pedestrian_reactive
+    count = round(settings.attention.away_share * np.count_nonzero(reactive))
+    for p in np.flatnonzero(smallest(traits.attention, reactive, count)):
         first = between(_UNIT, people["key"][p], ATTENTION, 0)
         longest = settings.attention.every[1]
         people["attention_time"][p] = first * longest
     _stand(people, traits.standing, traits.facing)
+    begin_queues(people, queues, traits, settings)
 
 
 def _stand(people: NDArray[np.void], who: NDArray[np.bool_], facing: NDArray[np.float64]) -> None:
@@ -133,6 +138,13 @@ def _plan_stop(person, world):  # type: ignore[no-untyped-def]
     person.stop_leg = person.deadline
 
 
+BEFORE_LEGS: Sequence[Habit] = (
+    Habit(
+        lambda people: len(people.queues) > 0,
+        lambda lanes, s: queue_up(lanes, s.worlds, s.people, s.queues),
+    ),
+)
+"""Those that come before legs are chosen."""
 BEFORE_CHOICE: Sequence[Habit] = (
     Habit(lambda people: people.stops.share > 0, lambda lanes, s: stop(lanes, s.worlds, s.people)),
     Habit(
@@ -156,7 +168,7 @@ class HabitLanes:
     def __init__(self) -> None:
         """No lane has any."""
         self._lanes: dict[Habit, set[int]] = {
-            habit: set() for habit in (*BEFORE_CHOICE, *AFTER_CHOICE)
+            habit: set() for habit in (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)
         }
 
     def note(self, lane: int, people: Pedestrians) -> None:

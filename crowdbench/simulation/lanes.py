@@ -135,7 +135,23 @@ PERSON = np.dtype(
         ("stop_end", _REAL),
         ("stop_leg", _REAL),  # deadline of the leg that these belong to
         ("stops", _WHOLE),  # legs so far, stops or none
+        ("queue", _WHOLE),  # that the person belongs to, -1 for none
+        ("place", _WHOLE),  # in it, from 0, -1 while the person is somewhere else
+        ("served_time", _REAL),  # when the first one leaves, inf before it is served
+        ("served", _WHOLE),  # how often so far
         ("body", _ADDRESS),  # Chipmunk's
+    ],
+    align=True,
+)
+
+
+QUEUE = np.dtype(
+    [
+        ("head", _REAL, 2),  # the first place
+        ("facing", _REAL, 2),  # unit vector
+        ("spacing", _REAL),
+        ("service", _REAL, 2),  # how long it lasts, at least and at most
+        ("last", _WHOLE),  # place in it
     ],
     align=True,
 )
@@ -148,6 +164,7 @@ class State(NamedTuple):
         worlds: (L,) records WORLD.
         robots: (L, R) records ROBOT.
         people: (L, P) records PERSON.
+        queues: (L, Q) records QUEUE.
         obstacles: (L, K, 3) x, y, radius [m].
         walls: (L, S, 4) x1, y1, x2, y2 [m].
         sees: (L, P, R) which pedestrian sees which robot now.
@@ -160,6 +177,7 @@ class State(NamedTuple):
     worlds: NDArray[np.void]
     robots: NDArray[np.void]
     people: NDArray[np.void]
+    queues: NDArray[np.void]
     obstacles: NDArray[np.float64]
     walls: NDArray[np.float64]
     sees: NDArray[np.bool_]
@@ -182,6 +200,7 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         worlds=make(WORLD),
         robots=make(ROBOT, robots),
         people=make(PERSON, people),
+        queues=make(QUEUE, max(len(scenario.pedestrians.queues) for scenario in scenarios)),
         obstacles=make(_REAL, obstacles, 3),
         walls=make(_REAL, max(len(walls_of(scenario)) for scenario in scenarios), 4),
         sees=make(_FLAG, people, robots),

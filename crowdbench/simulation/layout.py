@@ -14,7 +14,7 @@ from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
-from crowdbench.simulation.traits import Traits, draw_traits
+from crowdbench.simulation.traits import Traits, draw_traits, places_in_line
 from crowdbench.simulation.walls import walls_of
 
 if TYPE_CHECKING:
@@ -104,26 +104,35 @@ def _attempt(
     effort: int,
 ) -> Layout:
     around = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
+    people = scenario.pedestrians
+    lines = places_in_line(people)
+    off = robot_radius(scenario.robots) + people.radii[1]
+    off += max(people.spawn_clearance, FOOTPRINT_CLEARANCE)
+    avoided = np.column_stack([lines, np.full(len(lines), off)])
     if places is None:
-        pose, goal = _place_robots(scenario, rng, effort)
-        ends = np.vstack([pose[:, :2], goal])
+        pose, goal = _place_robots(scenario, rng, avoided, effort)
+        ends = np.vstack([pose[:, :2], goal, lines])
         obstacles = _place_obstacles(scenario, rng, ends, around, effort)
     else:
-        pose, goal = places.draw_robots(rng)
-        obstacles = places.draw_obstacles(rng, np.vstack([pose[:, :2], goal]), around)
-    people = scenario.pedestrians
+        pose, goal = places.draw_robots(rng, avoided)
+        obstacles = places.draw_obstacles(rng, np.vstack([pose[:, :2], goal, lines]), around)
     clearance = robot_radius(scenario.robots) + people.spawn_clearance
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
+    if traits.standing.any():  # nobody stands where a robot has to go
+        free = robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE
+        taken = np.vstack([taken, np.column_stack([goal, np.full(len(goal), free)])])
+    taken = np.vstack([taken, np.column_stack([lines, traits.radius[: len(lines)]])])
     fixed = len(taken)
-    taken = np.vstack([taken, np.repeat(traits.radius[:, None], 3, axis=1)])
+    taken = np.vstack([taken, np.repeat(traits.radius[len(lines) :, None], 3, axis=1)])
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
     if places is None:
         placed = _place_discs(rng, half, taken, fixed)
     else:
         placed = places.place_people(rng, taken, fixed)
+    placed += len(lines)
     if placed < people.count:
         raise _CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
-    position = taken[fixed:, :2].copy()
+    position = taken[fixed - len(lines) :, :2].copy()
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
@@ -131,9 +140,12 @@ def _attempt(
 
 
 def _place_robots(
-    scenario: Scenario, rng: np.random.Generator, effort: int
+    scenario: Scenario, rng: np.random.Generator, avoided: NDArray[np.float64], effort: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Starts and goals ``travel`` apart on opposite sides, headings roughly towards the goal."""
+    """Starts and goals ``travel`` apart on opposite sides, headings roughly towards the goal.
+
+    None of them lies within a disc of ``avoided`` (N, 3).
+    """
     robots = scenario.robots
     gap = 2 * robot_radius(robots) + robots.goal_tolerance
     poses, goals = np.empty((robots.count, 3)), np.empty((robots.count, 2))
@@ -150,6 +162,9 @@ def _place_robots(
                 gaps = np.linalg.norm(ends[:, :, None] - others[None, None], axis=3)
                 nearest = gaps.min(axis=(1, 2))
             free = nearest > gap
+            if len(avoided):
+                off = np.linalg.norm(ends[:, :, None] - avoided[:, :2], axis=3)
+                free &= (off > avoided[:, 2]).all(axis=(1, 2))
             if free.any():
                 break
         else:

@@ -48,10 +48,10 @@ class Places:
     obstacles: Spots
 
     def draw_robots(
-        self, rng: np.random.Generator
+        self, rng: np.random.Generator, avoided: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Poses (R, 3) and goals (R, 2), a robot's diameter and tolerance apart; faces roughly
-        along the way.
+        along the way. None of them lies within a disc of ``avoided`` (N, 3).
 
         Raises:
             NoPlaceError: one found no place.
@@ -64,6 +64,8 @@ class Places:
             for _ in range(_BATCH):
                 start, goal = self.starts.draw(rng, 1)[0], self.goals.draw(rng, 1)[0]
                 turn = rng.uniform(-math.pi / 6, math.pi / 6)
+                if not (_is_clear(start, avoided) and _is_clear(goal, avoided)):
+                    continue
                 if _apart(start, np.vstack([ends, goal]), gap) and _apart(goal, ends, gap):
                     way = self.ways.path(start, goal)
                     if len(way):
@@ -226,6 +228,12 @@ def _apart(place: NDArray[np.float64], others: NDArray[np.float64], gap: float) 
     """Whether a place (2,) is at least ``gap`` [m] from all others (N, 2)."""
     dx, dy = (others - place).T
     return bool((np.sqrt(dx * dx + dy * dy) > gap).all())
+
+
+def _is_clear(place: NDArray[np.float64], discs: NDArray[np.float64]) -> bool:
+    """Whether a place (2,) lies within none of some discs (N, 3)."""
+    dx, dy = (discs[:, :2] - place).T
+    return bool((np.sqrt(dx * dx + dy * dy) > discs[:, 2]).all())
 
 
 def _fit(

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
 
 _FRAMES = 8
@@ -50,29 +51,23 @@ class ObstacleMaps:
     """The obstacle maps of N robots with equal LiDARs, one history each.
 
     Args:
-        robots: N.
-        lidar_angles: (beams,) direction of each beam from the heading [rad].
-        lidar_range: distance reported by a beam that hits nothing [m].
+        count: N.
+        robot: any of them.
         geometry: where the map lies.
     """
 
     FRAMES: ClassVar[int] = _FRAMES
     """Scans in a map, one bit each; bit 0 is the current scan, bit k the one k steps ago."""
 
-    def __init__(
-        self,
-        robots: int,
-        lidar_angles: NDArray[np.floating],
-        lidar_range: float,
-        geometry: MapGeometry | None = None,
-    ) -> None:
+    def __init__(self, count: int, robot: RobotSpec, geometry: MapGeometry | None = None) -> None:
         self.geometry = geometry or MapGeometry()
-        self._range = float(lidar_range)
-        self._cos = np.cos(lidar_angles).astype(np.float64)
-        self._sin = np.sin(lidar_angles).astype(np.float64)
-        self._points = np.zeros((robots, _FRAMES, len(lidar_angles), 2), np.float64)
-        self._hits = np.zeros((robots, _FRAMES), np.int64)
-        self._head = np.zeros(robots, np.int64)
+        angles = robot.lidar_angles
+        self._range, self._mount = float(robot.lidar_range), np.array(robot.lidar_mount[:2])
+        self._cos = np.cos(angles).astype(np.float64)
+        self._sin = np.sin(angles).astype(np.float64)
+        self._points = np.zeros((count, _FRAMES, len(angles), 2), np.float64)
+        self._hits = np.zeros((count, _FRAMES), np.int64)
+        self._head = np.zeros(count, np.int64)
 
     def reset(self, robots: int | slice) -> None:
         """Forget the scans of some robots; frames not yet seen are empty."""
@@ -101,8 +96,8 @@ class ObstacleMaps:
         x0, y0 = self.geometry.origin
         _update_all(
             maps, which, self._points, self._hits, self._head, np.asarray(lidar, np.float32),
-            np.asarray(pose, np.float32), self._cos, self._sin, self._range - _HIT_MARGIN,
-            x0, y0, 1.0 / self.geometry.cell,
+            np.asarray(pose, np.float32), self._cos, self._sin, self._mount,
+            self._range - _HIT_MARGIN, x0, y0, 1.0 / self.geometry.cell,
         )  # fmt: skip
         return maps
 
@@ -110,13 +105,8 @@ class ObstacleMaps:
 class ObstacleMap:
     """The obstacle map of one robot; see ObstacleMaps."""
 
-    def __init__(
-        self,
-        lidar_angles: NDArray[np.floating],
-        lidar_range: float,
-        geometry: MapGeometry | None = None,
-    ) -> None:
-        self._maps = ObstacleMaps(1, lidar_angles, lidar_range, geometry)
+    def __init__(self, robot: RobotSpec, geometry: MapGeometry | None = None) -> None:
+        self._maps = ObstacleMaps(1, robot, geometry)
 
     @property
     def geometry(self) -> MapGeometry:
@@ -143,6 +133,7 @@ def _update_all(
     pose: NDArray[np.float32],
     cos: NDArray[np.float64],
     sin: NDArray[np.float64],
+    mount: NDArray[np.float64],
     reach: float,
     x0: float,
     y0: float,
@@ -155,13 +146,16 @@ def _update_all(
         newest = head[robot]
         x, y, heading = pose[row, 0], pose[row, 1], pose[row, 2]
         c, s = math.cos(heading), math.sin(heading)
+        # Where the beams begin.
+        x_lidar = x + c * mount[0] - s * mount[1]
+        y_lidar = y + s * mount[0] + c * mount[1]
         count = 0
         for beam in range(lidar.shape[1]):
             distance = lidar[row, beam]
             if distance < reach:
                 dx, dy = distance * cos[beam], distance * sin[beam]
-                points[robot, newest, count, 0] = x + c * dx - s * dy
-                points[robot, newest, count, 1] = y + s * dx + c * dy
+                points[robot, newest, count, 0] = x_lidar + c * dx - s * dy
+                points[robot, newest, count, 1] = y_lidar + s * dx + c * dy
                 count += 1
         hits[robot, newest] = count
         for age in range(_FRAMES):

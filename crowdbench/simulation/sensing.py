@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import lidar_angles
+from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.lanes import PROPRIOCEPTION
@@ -144,9 +144,7 @@ class DrawnMaps:
         """Make room for the robots of a scenario in every lane."""
         self._robots = scenario.robots.count
         count, cells = lanes * self._robots, geometry.cells
-        self._histories = ObstacleMaps(
-            count, lidar_angles(scenario), scenario.lidar.range, geometry
-        )
+        self._histories = ObstacleMaps(count, RobotSpec.from_scenario(scenario), geometry)
         self.maps = np.zeros((lanes, self._robots, cells, cells), np.uint8)
 
     def reset(self, lane: int) -> None:

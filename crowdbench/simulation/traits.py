@@ -25,6 +25,8 @@ class Traits(NamedTuple):
 
     Attributes:
         radius: (P,) [m].
+        queue: (P,) the queue that each belongs to, -1 for none.
+        place: (P,) in it, from 0, -1 for those who are not in line; the first people are.
         standing: (P,) who stands in a place of its own.
         facing: (P,) where somebody who stands looks at first [rad].
         attention: (P,) in [0, 1), by which those who look away at times are chosen.
@@ -32,6 +34,8 @@ class Traits(NamedTuple):
     """
 
     radius: NDArray[np.float64]
+    queue: NDArray[np.int64]
+    place: NDArray[np.int64]
     standing: NDArray[np.bool_]
     facing: NDArray[np.float64]
     attention: NDArray[np.float64]
@@ -48,23 +52,32 @@ def draw_traits(people: Pedestrians, seed: int) -> Traits:
             stream = streams.traits(seed, p)
             stream.random(out=draws[p])
             key[p] = stream.integers(2**64, dtype=np.uint64)
-    everybody = np.ones(people.count, dtype=np.bool_)
+    queue, place = np.full((2, people.count), -1)
+    lines = [(q, k) for q, line in enumerate(people.queues) for k in range(line.count)]
+    for p, (q, k) in enumerate([*lines, *((q, -1) for q in range(len(people.queues)))]):
+        queue[p], place[p] = q, k
     return Traits(
         radius=low + (high - low) * draws[:, 0],
-        standing=smallest(draws[:, 1], everybody, people.standing),
+        queue=queue,
+        place=place,
+        standing=smallest(draws[:, 1], queue < 0, round(people.standing * people.count)),
         facing=2 * np.pi * draws[:, 2],
         attention=draws[:, 3],
         key=key,
     )
 
 
-def smallest(
-    draws: NDArray[np.float64], among: NDArray[np.bool_], share: float
-) -> NDArray[np.bool_]:
-    """(P,) a share of those ``among`` whom to choose, those with the smallest draws."""
+def places_in_line(people: Pedestrians) -> NDArray[np.float64]:
+    """(N, 2) where those stand who queue, in the order of the pedestrians [m]."""
+    places = [place for queue in people.queues for place in queue.places()]
+    return np.array(places, dtype=np.float64).reshape(-1, 2)
+
+
+def smallest(draws: NDArray[np.float64], among: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """(P,) ``count`` of those ``among`` whom to choose, the ones with the smallest draws."""
     chosen = np.zeros(len(draws), dtype=np.bool_)
     order = np.argsort(np.where(among, draws, np.inf), kind="stable")
-    chosen[order[: round(share * np.count_nonzero(among))]] = True
+    chosen[order[:count]] = True
     return chosen
 
 
@@ -95,6 +108,7 @@ def _are_needed(people: Pedestrians) -> bool:
     return (
         people.radii[0] < people.radii[1]
         or people.standing > 0
+        or len(people.queues) > 0
         or people.attention.away_share > 0
         or people.stops.share > 0
     )

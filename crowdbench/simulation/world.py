@@ -33,6 +33,9 @@ class Pedestrians(NamedTuple):
         reactive: (P,) sees the robots; the others are non-reactive.
         attentive: (P,) does not look away now.
         attention_time: (P,) when that changes, inf for those who never look away [s].
+        queue: (P,) that each belongs to, -1 for none.
+        place: (P,) in the queue, from 0, -1 while somewhere else.
+        served_time: (P,) when the first one in line leaves, inf before it is served [s].
         stop_time, stop_end: (P,) when the stop on this leg is, inf without one [s].
         chosen: (P, 2) how they walk in this control period [m/s].
     """
@@ -51,6 +54,9 @@ class Pedestrians(NamedTuple):
     reactive: NDArray[np.bool_]
     attentive: NDArray[np.bool_]
     attention_time: NDArray[np.float64]
+    queue: NDArray[np.int64]
+    place: NDArray[np.int64]
+    served_time: NDArray[np.float64]
     stop_time: NDArray[np.float64]
     stop_end: NDArray[np.float64]
     chosen: NDArray[np.float64]

@@ -19,7 +19,13 @@ from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
 from crowdbench.simulation.guidance import Guidance
-from crowdbench.simulation.habits import AFTER_CHOICE, BEFORE_CHOICE, HabitLanes, begin_habits
+from crowdbench.simulation.habits import (
+    AFTER_CHOICE,
+    BEFORE_CHOICE,
+    BEFORE_LEGS,
+    HabitLanes,
+    begin_habits,
+)
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
@@ -186,6 +192,7 @@ class Worlds:
             ScenarioError: a walking model returns no velocities.
         """
         s = self.state
+        self._habits.act(BEFORE_LEGS, lanes, s)
         if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
             self._draw()
         self._habits.act(BEFORE_CHOICE, lanes, s)
@@ -303,14 +310,14 @@ class Worlds:
         people["radius"] = layout.traits.radius
         if layout.tracks is not None:
             self._follow(people, layout.tracks)
-            begin_habits(people, layout, settings)
+            begin_habits(people, s.queues[lane], layout, settings)
             return drawing
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
         people["velocity"] = people["speed"][:, None] * directions
-        begin_habits(people, layout, settings)
+        begin_habits(people, s.queues[lane], layout, settings)
         return drawing
 
     @staticmethod

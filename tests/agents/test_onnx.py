@@ -111,7 +111,7 @@ def test_the_map_is_that_of_the_scans_since_the_reset(written):
     for _ in range(2):
         agent.reset(ROBOT, 0)
         geometry = crowdbench.MapGeometry(cells=16, size=4.0, ahead=3.0)
-        maps = crowdbench.ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, geometry)
+        maps = crowdbench.ObstacleMap(ROBOT, geometry)
         for _ in range(3):
             seen = observation(rng)
             count = maps.update(seen.lidar, seen.pose).astype(float).sum()

@@ -66,6 +66,7 @@ LATER_FIELDS: dict[str, object] = {
     "pedestrians.stops.share": 0.0,
     "pedestrians.stops.duration": (2.0, 5.0),
     "pedestrians.standing": 0.0,
+    "pedestrians.queues": (),
     "pedestrians.recording": Recording(),
     "pedestrians.recording.file": "",
     "pedestrians.recording.unit": None,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from map_scenarios import ROOMS
 
 from crowdbench import CrowdEnv, MapGeometry, Scenario, parallel_vector_env
 
@@ -12,13 +13,14 @@ FLEET = Scenario(
     arena={"length": 8, "width": 8}, pedestrians={"count": 3, "speed": [0.7, 1.1]},
 )  # fmt: skip
 QUIET = FLEET.override({"pedestrians.count": 0, "lidar.noise": 0.02, "time_limit": 4})
+ON_MAP = FLEET.override(ROOMS)
 MAP = MapGeometry(16, 6.0, 4.0)
 
 
 @settings(deadline=None, max_examples=5)
 @given(seed=st.integers(0, 10**6), lanes=st.integers(1, 4))
 def test_every_lane_is_the_single_environment_to_the_last_bit(seed, lanes):
-    env = parallel_vector_env([FLEET, QUIET], lanes, obstacle_map=MAP)
+    env = parallel_vector_env([FLEET, QUIET, ON_MAP], lanes, obstacle_map=MAP)
     seen, infos = env.reset(seed=seed)
     singles = [CrowdEnv(env.scenarios[k], obstacle_map=MAP) for k in infos["robot_0"]["scenario"]]
     for lane, single in enumerate(singles):

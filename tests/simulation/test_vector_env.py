@@ -6,6 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from map_scenarios import ROOMS
 
 import crowdbench
 from crowdbench import CrowdNavEnv, Scenario, ScenarioError, load_scenario, vector_env
@@ -20,7 +21,8 @@ CORRIDOR = Scenario(
 )  # fmt: skip
 NOBODY = Scenario(name="nobody", time_limit=2, pedestrians={"count": 0})
 STRAIGHT = OPEN.override({"pedestrians.model": "straight", "substeps": 2})
-ALL = [OPEN, CORRIDOR, NOBODY, STRAIGHT]
+MAP = OPEN.override(ROOMS)
+ALL = [OPEN, CORRIDOR, NOBODY, STRAIGHT, MAP]
 
 
 def same(first, second):

@@ -136,6 +136,11 @@ def test_a_scenario_that_has_changed_since_is_kept_apart(episodes, tmp_path):
         ("multimodal_fast_nonreactive", {}, "open, nonreactive"),
         ("multimodal_fast", {"pedestrians.reactive": 0.5}, "open, mixed"),
         ("corridor_dense", {}, "corridor"),
+        (
+            "corridor_dense",
+            {"arena.kind": "map", "robots.start": [-5, 0], "robots.goal": [5, 0]},
+            "map",
+        ),
     ],
 )
 def test_families(name, changes, expected):

@@ -120,7 +120,7 @@ def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights, s
     for observation in seen:
         agent.act(observation)
     # The fourth plan is made at step 9: scans of steps 2 to 9 are in the map, planned or not.
-    maps = crowdbench.ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
+    maps = crowdbench.ObstacleMap(ROBOT, config.perception.geometry)
     for observation in seen[2:]:
         drawn = maps.update(observation.lidar, observation.pose)
     last = seen[-1]
@@ -142,7 +142,7 @@ def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights, s
 def test_all_eight_scans_are_drawn_where_things_really_are():
     env = crowdbench.parallel_env("corridor_very_dense", **{"pedestrians.count": 0})
     observed, _ = env.reset(seed=900_000)
-    maps = crowdbench.ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range)
+    maps = crowdbench.ObstacleMap(ROBOT)
     geometry, rng = maps.geometry, np.random.default_rng(0)
     for step in range(20):
         seen = observed["robot_0"]
@@ -182,7 +182,7 @@ def test_policy_alone_is_the_worlds_models_policy(weights):
     agent = LatentPlanner(weights=weights, use_mppi=False)
     agent.reset(ROBOT, 0)
     model, config, _ = load_world_model(weights)
-    maps = crowdbench.ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
+    maps = crowdbench.ObstacleMap(ROBOT, config.perception.geometry)
     for seen in observations(3):
         drawn = maps.update(seen.lidar, seen.pose)
         arrays = (drawn, seen.velocity, seen.goal)

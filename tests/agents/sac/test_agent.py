@@ -48,7 +48,7 @@ def test_actions_are_the_actors_for_the_stacked_map(actor, weights):
     agent = Sac(weights=weights)
     assert agent.weights_sha256 == file_digest(Path(weights))
     agent.reset(ROBOT, 0)
-    maps = crowdbench.ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, CONFIG.perception.geometry)
+    maps = crowdbench.ObstacleMap(ROBOT, CONFIG.perception.geometry)
     rng = np.random.default_rng(0)
     actions = []
     for _ in range(3):
