@@ -16,7 +16,8 @@ def scenarios() -> None:
         table.add_column(heading, no_wrap=True)
     for heading in ("arena m", "way m", "static", "people", "speed m/s", "goals", "react"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for name, tier in ((name, tier) for tier in scenario_tiers() for name in scenario_names(tier)):
+    tiers = {name: tier for tier in scenario_tiers() for name in scenario_names(tier)}
+    for name, tier in tiers.items():
         scenario = load_scenario(name)
         arena, people = scenario.arena, scenario.pedestrians
         walking = [
