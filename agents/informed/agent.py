@@ -7,26 +7,44 @@ step (cf. Fraichard, "Trajectory planning in a dynamic workspace: a 'state-time 
 Advanced Robotics 13, 1998). What nobody can know, the next goal of a pedestrian that arrives, is
 met with distance. Made for the scenarios that come with crowdbench: people walk by ORCA and take a
 new goal on arrival.
+
+With options it is told less, so that one sees where planners lose: in what they sense, in what they
+foresee, or in what they decide.
+
+- ``intent=velocity``: nothing of goals; people are predicted to walk on as they do, and may be
+  farther from there the later it is.
+- ``view=6``: only people on a square map of 6 m, two thirds of it ahead, as learned agents have it.
+- ``view=lidar``: only people whom at least one beam of a LiDAR at the robot's place meets.
 """
 
 from __future__ import annotations
 
-import math
+from typing import Annotated, Literal
 
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
-from crowdbench_agents.informed.search import ABSENT, HORIZON, LOST, TICKS, arcs, lines, search
+from crowdbench_agents.informed.prediction import predict, walking_on
+from crowdbench_agents.informed.search import (
+    HORIZON,
+    LOST,
+    RISK_COST,
+    TICKS,
+    arcs,
+    lines,
+    search,
+)
+from crowdbench_agents.informed.view import within_view
+from pydantic import Field
 
 import crowdbench
-from crowdbench import orca_velocities
-from crowdbench.compiled import compiled
 
-ARRIVAL = 0.3
-"""A pedestrian this near to its goal takes a new one [m]."""
-SURPRISE = 1.2
-"""Time after which a pedestrian's unknown next goal will have been noticed [s]."""
-GONE = 2.5
-"""A pedestrian with an unknown goal counts as gone after a walk of this length [m]."""
+GROWTH = {"known": 0.0, "velocity": 0.5}
+"""How fast people may come to be elsewhere than predicted, by intent [m/s]."""
+PRICE = {"known": RISK_COST, "velocity": RISK_COST}
+"""Cost of being where somebody may be, by intent [s/s]."""
+
+Intent = Literal["known", "velocity"]
+View = Literal["all", "lidar"] | Annotated[float, Field(ge=0.1, le=1000)]
 
 
 class Informed(crowdbench.Agent):
@@ -35,6 +53,33 @@ class Informed(crowdbench.Agent):
     privileged = True
     drives = ("differential", "omnidirectional")
     version = "0.1.0"
+
+    def __init__(
+        self,
+        intent: Annotated[Intent, Field()] = "known",
+        view: Annotated[View, Field()] = "all",
+        growth: Annotated[float | None, Field(ge=0, le=10)] = None,
+        price: Annotated[float | None, Field(ge=0, le=1000)] = None,
+    ) -> None:
+        """Say what it is told.
+
+        Args:
+            intent: what of where people are going: the truth (``known``) or nothing
+                (``velocity``).
+            view: whom it is told of: ``all``, the side of a map around the robot [m], or ``lidar``.
+            growth: how fast people may come to be elsewhere than predicted [m/s]; for
+                ``velocity``.
+            price: cost of being where somebody may be [s/s]; for ``velocity``.
+
+        Raises:
+            ValueError: an option that the intent has no use for.
+        """
+        for option, value in (("growth", growth), ("price", price)):
+            if value is not None and intent == "known":
+                raise ValueError(f"option {option!r} goes with intent=velocity, not with {intent}")
+        self._intent, self._view = intent, view
+        self._growth = GROWTH[intent] if growth is None else growth
+        self._price = PRICE[intent] if price is None else price
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits; there is no randomness."""
@@ -60,6 +105,7 @@ class Informed(crowdbench.Agent):
             self._field = DistanceField(
                 goal, pose[:2], state["obstacles"], state["walls"], robot.width / 2 + 0.1
             )
+        state = self._limited(state)
         # Plans count on nobody's courtesy unless there is no other way.
         for courteous in (False, True):
             future, spread = self._predict(state, courteous)
@@ -68,6 +114,12 @@ class Informed(crowdbench.Agent):
                 break
         self._plan = plan[1:]
         return plan[0]
+
+    def _limited(self, state):
+        """What of the state it is told."""
+        if self._view != "all":
+            state = within_view(self._view, self._index, self._robot, state)
+        return walking_on(state) if self._intent == "velocity" else state
 
     def _search(self, pose, state, future, spread):
         robot = self._robot
@@ -86,6 +138,8 @@ class Informed(crowdbench.Agent):
             self._actions,
             future,
             spread,
+            1.0,
+            self._price,
             state["obstacles"],
             state["walls"],
             self._field.origin,
@@ -97,14 +151,17 @@ class Informed(crowdbench.Agent):
 
     def _predict(self, state, courteous):
         """Discs at every tick: (ticks + 1, N, 3) x, y, radius, and their uncertainty (…, N) [m]."""
-        return _predict(
+        people = len(state["pedestrian_position"])
+        future, spread = predict(
             self._robot.control_period,
+            HORIZON,
             float(state["time"]),
             state["pedestrian_position"],
             state["pedestrian_velocity"],
             state["pedestrian_goal"],
             state["pedestrian_next_goal"],
             state["pedestrian_switch_time"],
+            np.empty((people, 0, 2)),
             state["pedestrian_speed"],
             state["pedestrian_radius"],
             state["robot_pose"],
@@ -116,85 +173,7 @@ class Informed(crowdbench.Agent):
             state["obstacles"],
             state["walls"],
         )
-
-
-@compiled()
-def _predict(
-    period,
-    time,
-    position,
-    velocity,
-    goal,
-    next_goal,
-    switch_time,
-    speed,
-    radius,
-    robot_pose,
-    robot_velocity,
-    robot_active,
-    courteous,
-    me,
-    robot_radius,
-    obstacles,
-    walls,
-):
-    """Let everybody walk for a plan's length; other robots keep their velocity."""
-    people, robots = len(position), len(robot_pose)
-    future = np.zeros((HORIZON * TICKS + 1, people + robots, 3))
-    spread = np.zeros((HORIZON * TICKS + 1, people + robots))
-    position, velocity, goal = position.copy(), velocity.copy(), goal.copy()
-    preferred, out = np.empty_like(position), np.empty_like(position)
-    sees = np.zeros((people, 1), dtype=np.bool_)
-    here, still = np.empty((1, 2)), np.zeros((1, 2))
-    here[0, 0], here[0, 1] = robot_pose[me, 0], robot_pose[me, 1]
-    arrived = np.full(people, np.inf)
-    # Scenarios have pedestrians of one size, and so has the model by which they walk.
-    widest = 0.0
-    # Element by element: numba compiles numpy's message about shapes for assigned rows.
-    for p in range(people):
-        sees[p, 0] = courteous[p]
-        future[0, p, 0], future[0, p, 1] = position[p, 0], position[p, 1]
-        for row in range(len(future)):
-            future[row, p, 2] = radius[p]
-        widest = max(widest, radius[p])
-    for step in range(HORIZON):
-        now = time + step * period
-        for p in range(people):
-            if now >= switch_time[p]:
-                goal[p, 0], goal[p, 1] = next_goal[p, 0], next_goal[p, 1]
-            dx, dy = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
-            distance = math.hypot(dx, dy)
-            if distance < ARRIVAL and arrived[p] == np.inf:
-                arrived[p] = now
-            pace = min(speed[p], distance / period)
-            preferred[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
-            preferred[p, 1] = pace * dy / distance if distance > 0.0 else 0.0
-        orca_velocities(
-            position, velocity, preferred, speed, widest, sees, here, still,
-            robot_radius, 0.5, obstacles, walls, period, out,
-        )  # fmt: skip
-        for p in range(people):
-            velocity[p, 0], velocity[p, 1] = out[p, 0], out[p, 1]
-        for tick in range(1, TICKS + 1):
-            row = step * TICKS + tick
-            later = tick * period / TICKS
-            for p in range(people):
-                future[row, p, 0] = position[p, 0] + later * velocity[p, 0]
-                future[row, p, 1] = position[p, 1] + later * velocity[p, 1]
-                unknown = max(0.0, now + later - arrived[p])
-                spread[row, p] = speed[p] * min(SURPRISE, unknown)
-                if unknown * speed[p] > GONE:
-                    future[row, p, 2] = ABSENT
-        for p in range(people):
-            position[p, 0] += period * velocity[p, 0]
-            position[p, 1] += period * velocity[p, 1]
-    for r in range(robots):
-        ux, uy = robot_velocity[r, 0], robot_velocity[r, 1]
-        for row in range(len(future)):
-            later = row * period / TICKS
-            future[row, people + r, 0] = robot_pose[r, 0] + later * ux
-            future[row, people + r, 1] = robot_pose[r, 1] + later * uy
-            # Oneself, and robots that have left, are in nobody's way.
-            present = r != me and robot_active[r]
-            future[row, people + r, 2] = robot_radius if present else ABSENT
-    return future, spread
+        if self._growth > 0.0:
+            later = np.arange(len(spread)) * (self._robot.control_period / TICKS)
+            spread += self._growth * later[:, None]
+        return future, spread

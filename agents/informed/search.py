@@ -38,6 +38,8 @@ TURN_COST = 0.05
 """Cost of turning [s per rad]."""
 RISK_COST = 16.0
 """Cost of being where somebody whose next goal is unknown may be [s per s]."""
+CERTAIN = 1.0 - 1e-9
+"""Share of the futures from which on a contact counts as one that will be."""
 LOST = 1000.0
 """Cost of a contact now; later contacts cost less, so that the last resort is to delay one [s]."""
 ABSENT = -1.0
@@ -90,6 +92,8 @@ def search(
     arcs,
     future,
     spread,
+    share,
+    price,
     obstacles,
     walls,
     origin,
@@ -108,8 +112,11 @@ def search(
         turns: whether the robot is differential, else omnidirectional.
         arcs: (A, 2) actions to choose from; later ones only from the first half. Here and below
             (v, w) are v [m/s], w [rad/s], or speeds ahead and to the left [m/s].
-        future: (HORIZON * TICKS + 1, N, 3) x, y, radius of the discs at every tick [m].
+        future: (HORIZON * TICKS + 1, N, 3) x, y, radius of the discs at every tick [m]; those of
+            several possible futures one beside the other.
         spread: (HORIZON * TICKS + 1, N) how far each may be from there [m].
+        share: probability of each of the futures, 1 where there is but one.
+        price: cost of being where somebody may be [s per s].
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         origin, lengths: of the DistanceField.
@@ -135,6 +142,8 @@ def search(
         period / TICKS,
         future,
         spread,
+        share,
+        price,
         obstacles,
         walls,
     )
@@ -249,7 +258,8 @@ def _time_left(node, goal, tolerance, top, turn, origin, lengths):
 @compiled()
 def _drive(node, v, w, row, ticks, scene, end):
     """Follow an arc for ``ticks`` from a node at ``row`` of the future; writes where it ends."""
-    turns, goal, tolerance, half_length, half_width, tick, future, spread, obstacles, walls = scene
+    turns, goal, tolerance, half_length, half_width, tick = scene[:6]
+    future, spread, share, price, obstacles, walls = scene[6:]
     x, y, heading, cost = node[0], node[1], node[2], node[5]
     turn = w if turns else 0.0
     cost += TURN_COST * abs(turn) * ticks * tick
@@ -269,8 +279,9 @@ def _drive(node, v, w, row, ticks, scene, end):
             chord_y * turned_c + chord_x * turned_s,
         )
         discomfort = _discomfort(
-            x, y, cosine, sine, half_length, half_width, future[i], spread[i], obstacles, walls
-        )
+            x, y, cosine, sine, half_length, half_width,
+            future[i], spread[i], share, price, obstacles, walls,
+        )  # fmt: skip
         cost += tick * (1.0 + discomfort)
         if discomfort == np.inf:
             cost, status = LOST - i * tick, _ENDED
@@ -291,9 +302,11 @@ def _within(v, w, now_v, now_w, reach_v, reach_w):
 
 
 @compiled()
-def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obstacles, walls):
-    """Cost per second of being here [s/s]; inf for a contact."""
-    total = 0.0
+def _discomfort(
+    x, y, cosine, sine, half_length, half_width, discs, spread, share, price, obstacles, walls
+):
+    """Cost per second of being here [s/s]; inf for a contact in all futures."""
+    total, touched = 0.0, 0.0
     reach = half_length + half_width
     for d in range(len(discs)):
         if discs[d, 2] == ABSENT:
@@ -305,12 +318,16 @@ def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obst
         gap = point_gap(x, y, cosine, sine, half_length, half_width, discs[d, 0], discs[d, 1])
         gap -= discs[d, 2]
         if gap < CONTACT:
-            return np.inf
+            touched += share
+            if touched >= CERTAIN:
+                return np.inf
+            total += share * price
+            continue
         if gap < spread[d]:
-            total += RISK_COST * (1.0 - gap / spread[d])
+            total += share * price * (1.0 - gap / spread[d])
         if gap < COMFORT:
             short = 1.0 - gap / COMFORT
-            total += COMFORT_COST * short * short
+            total += share * COMFORT_COST * short * short
     for k in range(len(obstacles)):
         dx, dy, far = obstacles[k, 0] - x, obstacles[k, 1] - y, obstacles[k, 2] + reach
         if dx * dx + dy * dy < far * far:
