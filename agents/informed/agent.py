@@ -13,6 +13,8 @@ foresee, or in what they decide.
 
 - ``intent=velocity``: nothing of goals; people are predicted to walk on as they do, and may be
   farther from there the later it is.
+- ``intent=sampled``: nothing of goals, but how they are drawn; several futures are drawn from what
+  watching people tells about theirs (``crowdbench_agents.informed.goals``), and all count.
 - ``view=6``: only people on a square map of 6 m, two thirds of it ahead, as learned agents have it.
 - ``view=lidar``: only people whom at least one beam of a LiDAR at the robot's place meets.
 """
@@ -23,6 +25,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from crowdbench_agents.informed.distance_field import DistanceField
+from crowdbench_agents.informed.goals import Goals
 from crowdbench_agents.informed.prediction import predict, walking_on
 from crowdbench_agents.informed.search import (
     HORIZON,
@@ -33,17 +36,19 @@ from crowdbench_agents.informed.search import (
     lines,
     search,
 )
-from crowdbench_agents.informed.view import within_view
+from crowdbench_agents.informed.view import in_view, told_of
 from pydantic import Field
 
 import crowdbench
 
-GROWTH = {"known": 0.0, "velocity": 0.5}
+GROWTH = {"known": 0.0, "velocity": 0.5, "sampled": 0.0}
 """How fast people may come to be elsewhere than predicted, by intent [m/s]."""
-PRICE = {"known": RISK_COST, "velocity": RISK_COST}
+PRICE = {"known": RISK_COST, "velocity": RISK_COST, "sampled": 3 * RISK_COST}
 """Cost of being where somebody may be, by intent [s/s]."""
+FUTURES = 16
+"""How many are sampled."""
 
-Intent = Literal["known", "velocity"]
+Intent = Literal["known", "velocity", "sampled"]
 View = Literal["all", "lidar"] | Annotated[float, Field(ge=0.1, le=1000)]
 
 
@@ -60,30 +65,39 @@ class Informed(crowdbench.Agent):
         view: Annotated[View, Field()] = "all",
         growth: Annotated[float | None, Field(ge=0, le=10)] = None,
         price: Annotated[float | None, Field(ge=0, le=1000)] = None,
+        futures: Annotated[int | None, Field(ge=1, le=100)] = None,
     ) -> None:
         """Say what it is told.
 
         Args:
-            intent: what of where people are going: the truth (``known``) or nothing
-                (``velocity``).
+            intent: where people are going: the truth (``known``), nothing (``velocity``), or how
+                goals are drawn (``sampled``).
             view: whom it is told of: ``all``, the side of a map around the robot [m], or ``lidar``.
-            growth: how fast people may come to be elsewhere than predicted [m/s]; for
-                ``velocity``.
-            price: cost of being where somebody may be [s/s]; for ``velocity``.
+            growth: how fast people may come to be elsewhere than predicted [m/s]; not for
+                ``known``.
+            price: cost of being where somebody may be [s/s]; not for ``known``.
+            futures: how many are sampled; for ``sampled``.
 
         Raises:
             ValueError: an option that the intent has no use for.
         """
-        for option, value in (("growth", growth), ("price", price)):
-            if value is not None and intent == "known":
-                raise ValueError(f"option {option!r} goes with intent=velocity, not with {intent}")
+        for option, value, users in (
+            ("growth", growth, ("velocity", "sampled")),
+            ("price", price, ("velocity", "sampled")),
+            ("futures", futures, ("sampled",)),
+        ):
+            if value is not None and intent not in users:
+                only = " or ".join(f"intent={user}" for user in users)
+                raise ValueError(f"option {option!r} goes with {only}, not with intent={intent}")
         self._intent, self._view = intent, view
         self._growth = GROWTH[intent] if growth is None else growth
         self._price = PRICE[intent] if price is None else price
+        self._futures = FUTURES if futures is None else futures
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
-        """Remember the robot's limits; there is no randomness."""
+        """Remember the robot's limits; only the futures of ``sampled`` are random."""
         self._robot = robot
+        self._rng = np.random.Generator(np.random.PCG64(seed))
         self._index = int(robot.name.rpartition("_")[2])
         self._turns = robot.drive == "differential"
         self._actions = (
@@ -92,6 +106,7 @@ class Informed(crowdbench.Agent):
             else lines(robot.speed, robot.lateral_speed)
         )
         self._field: DistanceField | None = None
+        self._goals: Goals | None = None
         self._plan = np.empty((0, 2))
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
@@ -105,23 +120,36 @@ class Informed(crowdbench.Agent):
             self._field = DistanceField(
                 goal, pose[:2], state["obstacles"], state["walls"], robot.width / 2 + 0.1
             )
-        state = self._limited(state)
+        told = self._told(state)
         # Plans count on nobody's courtesy unless there is no other way.
         for courteous in (False, True):
-            future, spread = self._predict(state, courteous)
-            plan, cost = self._search(pose, state, future, spread)
-            if cost < LOST / 2 or not state["pedestrian_reactive"].any():
+            predicted = [self._predict(future, courteous) for future in told]
+            future, spread = (np.concatenate(part, axis=1) for part in zip(*predicted, strict=True))
+            plan, cost = self._search(pose, state, future, spread, 1.0 / len(told))
+            if cost < LOST / 2 or not told[0]["pedestrian_reactive"].any():
                 break
         self._plan = plan[1:]
         return plan[0]
 
-    def _limited(self, state):
-        """What of the state it is told."""
-        if self._view != "all":
-            state = within_view(self._view, self._index, self._robot, state)
-        return walking_on(state) if self._intent == "velocity" else state
+    def _told(self, state):
+        """What it is told of the state: one that may be true for each possible future."""
+        told = [state]
+        seen = in_view(self._view, self._index, self._robot, state)
+        if self._intent == "velocity":
+            told = [walking_on(state)]
+        elif self._intent == "sampled":
+            told = self._draw(state, seen[: len(state["pedestrian_position"])])
+        return told if seen.all() else [told_of(seen, future) for future in told]
 
-    def _search(self, pose, state, future, spread):
+    def _draw(self, state, seen):
+        """The state with goals that may be the true ones, for each possible future."""
+        if self._goals is None:
+            robot = self._robot
+            self._goals = Goals(state, robot.control_period, robot.radius, self._futures, self._rng)
+        self._goals.update(state, seen)
+        return self._goals.draw(state)
+
+    def _search(self, pose, state, future, spread, share):
         robot = self._robot
         limits = robot.acceleration or (np.inf, np.inf)
         plan = np.empty((HORIZON, 2))
@@ -138,7 +166,7 @@ class Informed(crowdbench.Agent):
             self._actions,
             future,
             spread,
-            1.0,
+            share,
             self._price,
             state["obstacles"],
             state["walls"],
@@ -152,6 +180,7 @@ class Informed(crowdbench.Agent):
     def _predict(self, state, courteous):
         """Discs at every tick: (ticks + 1, N, 3) x, y, radius, and their uncertainty (…, N) [m]."""
         people = len(state["pedestrian_position"])
+        further = state.get("pedestrian_further", np.empty((people, 0, 2)))
         future, spread = predict(
             self._robot.control_period,
             HORIZON,
@@ -161,7 +190,7 @@ class Informed(crowdbench.Agent):
             state["pedestrian_goal"],
             state["pedestrian_next_goal"],
             state["pedestrian_switch_time"],
-            np.empty((people, 0, 2)),
+            further,
             state["pedestrian_speed"],
             state["pedestrian_radius"],
             state["robot_pose"],

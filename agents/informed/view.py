@@ -13,33 +13,41 @@ AHEAD = 2 / 3
 """Share of a square map that lies ahead of the robot, as in the learned agents' maps."""
 
 
-def within_view(view, me, robot, state):
-    """The state with those people and other robots only of which a robot is told.
+def in_view(view, me, robot, state):
+    """(P + R,) bool: of which people and robots a robot is told.
 
     Args:
-        view: the side of a square map [m], or ``lidar``.
+        view: ``all``, ``lidar``, or the side of a square map [m].
         me: index of the robot.
         robot: its RobotSpec.
         state: of the world.
     """
-    pose, active = state["robot_pose"][me], state["robot_active"].copy()
-    active[me] = False
+    pose, people = state["robot_pose"][me], len(state["pedestrian_position"])
     places = np.vstack([state["pedestrian_position"], state["robot_pose"][:, :2]])
+    if view == "all":
+        return np.ones(len(places), dtype=np.bool_)
     if view == "lidar":
         # Other robots are taken for the circles around their footprints.
-        radii = np.where(active, robot.radius, ABSENT)
+        radii = np.where(state["robot_active"], robot.radius, ABSENT)
+        radii[me] = ABSENT
         discs = np.column_stack([places, np.concatenate([state["pedestrian_radius"], radii])])
         seen = hit_by_lidar(
             pose, robot.lidar_angles, robot.lidar_range, discs, state["obstacles"], state["walls"]
         )
     else:
         seen = on_map(pose, view, places)
+    seen[people + me] = True
+    return seen
+
+
+def told_of(seen, state):
+    """The state with those people and robots only of which ``seen`` (P + R,) is true."""
     people = len(state["pedestrian_position"])
     limited = {
         name: value[seen[:people]] if name.startswith("pedestrian_") else value
         for name, value in state.items()
     }
-    return {**limited, "robot_active": active & seen[people:]}
+    return {**limited, "robot_active": state["robot_active"] & seen[people:]}
 
 
 def on_map(pose, side, places):

@@ -75,6 +75,9 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_switch_time": real(p),
             "pedestrian_next_goal": real(p, 2),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
+            "goal_area": real(2),
+            "least_leg": real(),
+            "switch_probability": real(),
             "obstacles": real(k, 3),
             "walls": real(walls, 4),
         }
@@ -102,6 +105,9 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_switch_time": people.switch_time.copy(),
         "pedestrian_next_goal": people.next_goal.copy(),
         "pedestrian_reactive": people.reactive.copy(),
+        "goal_area": world.goal_area,
+        "least_leg": np.array(world.least_leg),
+        "switch_probability": np.array(world.switch_probability),
         "obstacles": world.layout.obstacles.copy(),
         "walls": world.layout.walls.copy(),
     }

@@ -80,6 +80,22 @@ class Lane:
         return float(self.worlds.state.worlds["time"][self._lane])
 
     @property
+    def goal_area(self) -> NDArray[np.float64]:
+        """(2,) length and width of the area, centred, in which pedestrians have their goals [m]."""
+        world = self.worlds.state.worlds[self._lane]
+        return np.array([2.0 * world["half_length"], 2.0 * world["half_width"]])
+
+    @property
+    def least_leg(self) -> float:
+        """Least distance from where a leg begins to its goal [m]."""
+        return float(self.worlds.state.worlds["leg"][self._lane])
+
+    @property
+    def switch_probability(self) -> float:
+        """Chance that a leg is interrupted; 0 where goals are unimodal."""
+        return float(self.worlds.state.worlds["switch_probability"][self._lane])
+
+    @property
     def layout(self) -> Layout:
         """Where everything began."""
         return self.worlds.episode(self._lane).layout

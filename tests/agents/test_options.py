@@ -11,7 +11,7 @@ from crowdbench.agent import AgentError, AgentSpec, agent_options, find_agent
 RANGES = {
     "orca": {"responsibility": (0, 1), "margin": (0, 1)},
     "dynamic_window": {"heading": (0, 1000), "clearance": (0, 1000), "speed": (0, 1000)},
-    "informed": {"growth": (0, 10), "price": (0, 1000)},
+    "informed": {"growth": (0, 10), "price": (0, 1000), "futures": (1, 100)},
     "neupan": {"horizon": (1, 100), "iterations": (1, 100), "reference_speed": (0.01, 20)},
 }
 """Of numbers, both ends allowed."""
@@ -25,6 +25,7 @@ CHOICES = {
 NEEDED = {
     ("informed", "growth"): {"intent": "velocity"},
     ("informed", "price"): {"intent": "velocity"},
+    ("informed", "futures"): {"intent": "sampled"},
 }
 """Other options without which one has no meaning."""
 CASES = [(agent, option) for agent, options in RANGES.items() for option in options]

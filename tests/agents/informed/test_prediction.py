@@ -21,7 +21,7 @@ def begun(scenario, seed, **overrides):
 def prediction(env, state, **options):
     agent = Informed(**options)
     agent.reset(env.robot_spec(), 0)
-    return agent._predict(agent._limited(state), False)
+    return agent._predict(agent._told(state)[0], False)
 
 
 def test_by_velocity_one_person_walks_straight_on_past_its_goal():
@@ -81,7 +81,8 @@ def test_uncertainty_has_its_price():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"growth": 0.5}, "option 'growth' goes with intent=velocity"),
+        ({"growth": 0.5}, "option 'growth' goes with intent=velocity or intent=sampled"),
+        ({"intent": "velocity", "futures": 4}, "option 'futures' goes with intent=sampled, not"),
         ({"intent": "known", "price": 5.0}, "option 'price' goes with"),
     ],
 )

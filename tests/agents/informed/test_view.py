@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from crowdbench_agents.informed.agent import Informed
-from crowdbench_agents.informed.view import hit_by_lidar, on_map, within_view
+from crowdbench_agents.informed.view import hit_by_lidar, in_view, on_map, told_of
 
 import crowdbench
 from crowdbench import RobotSpec, Scenario
@@ -82,7 +82,7 @@ def test_people_out_of_view_are_left_out_and_the_rest_stays():
     env = crowdbench.parallel_env("multimodal_fast", robots={"count": 2})
     env.reset(seed=900_000)
     state = env.state()
-    limited = within_view(6.0, 0, env.robot_spec(), state)
+    limited = told_of(in_view(6.0, 0, env.robot_spec(), state), state)
     inside = on_map(state["robot_pose"][0], 6.0, state["pedestrian_position"])
     assert 0 < inside.sum() < len(inside)
     for name in state:
@@ -90,7 +90,7 @@ def test_people_out_of_view_are_left_out_and_the_rest_stays():
         if name != "robot_active":
             np.testing.assert_array_equal(limited[name], expected)
     near = on_map(state["robot_pose"][0], 6.0, state["robot_pose"][1:, :2])
-    assert limited["robot_active"].tolist() == [False, *near]
+    assert limited["robot_active"].tolist() == [True, *near]
     assert state["robot_active"].all()
 
 
