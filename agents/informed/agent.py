@@ -24,9 +24,10 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
+from crowdbench_agents.geometry.under_way import drive_ahead
 from crowdbench_agents.informed.distance_field import DistanceField
 from crowdbench_agents.informed.goals import Goals
-from crowdbench_agents.informed.prediction import predict, walking_on
+from crowdbench_agents.informed.prediction import predict, recorded, walking_on
 from crowdbench_agents.informed.search import (
     HORIZON,
     LOST,
@@ -114,7 +115,10 @@ class Informed(crowdbench.Agent):
         state, robot = observation.state, self._robot
         if state is None:
             raise ValueError("the informed agent needs the true state of the world")
-        pose = state["robot_pose"][self._index]
+        pose, velocity = state["robot_pose"][self._index], state["robot_velocity"][self._index]
+        if robot.latency:
+            under_way = state["robot_under_way"][self._index]
+            pose, velocity = drive_ahead(robot, pose, velocity, under_way)
         goal = state["robot_goal"][self._index]
         if self._field is None:
             self._field = DistanceField(
@@ -125,7 +129,7 @@ class Informed(crowdbench.Agent):
         for courteous in (False, True):
             predicted = [self._predict(future, courteous) for future in told]
             future, spread = (np.concatenate(part, axis=1) for part in zip(*predicted, strict=True))
-            plan, cost = self._search(pose, state, future, spread, 1.0 / len(told))
+            plan, cost = self._search(pose, velocity, state, future, spread, 1.0 / len(told))
             if cost < LOST / 2 or not told[0]["pedestrian_reactive"].any():
                 break
         self._plan = plan[1:]
@@ -149,13 +153,13 @@ class Informed(crowdbench.Agent):
         self._goals.update(state, seen)
         return self._goals.draw(state)
 
-    def _search(self, pose, state, future, spread, share):
+    def _search(self, pose, velocity, state, future, spread, share):
         robot = self._robot
         limits = robot.acceleration or (np.inf, np.inf)
         plan = np.empty((HORIZON, 2))
         length, cost = search(
             pose,
-            state["robot_velocity"][self._index],
+            velocity,
             state["robot_goal"][self._index],
             robot.goal_tolerance,
             robot.length / 2,
@@ -172,6 +176,7 @@ class Informed(crowdbench.Agent):
             state["walls"],
             self._field.origin,
             self._field.values,
+            self._field.winds,
             self._plan,
             plan,
         )
@@ -179,30 +184,44 @@ class Informed(crowdbench.Agent):
 
     def _predict(self, state, courteous):
         """Discs at every tick: (ticks + 1, N, 3) x, y, radius, and their uncertainty (…, N) [m]."""
+        robot, periods = self._robot, HORIZON + self._robot.latency
         people = len(state["pedestrian_position"])
-        further = state.get("pedestrian_further", np.empty((people, 0, 2)))
+        known = state
+        if "recorded_ahead" in state:  # those who walk by no model are none of the model's
+            known = told_of(np.arange(people + len(state["robot_pose"])) >= people, state)
+        goal = known["pedestrian_goal"]
         future, spread = predict(
-            self._robot.control_period,
-            HORIZON,
-            float(state["time"]),
-            state["pedestrian_position"],
-            state["pedestrian_velocity"],
-            state["pedestrian_goal"],
-            state["pedestrian_next_goal"],
-            state["pedestrian_switch_time"],
-            further,
-            state["pedestrian_speed"],
-            state["pedestrian_radius"],
-            state["robot_pose"],
-            state["robot_world_velocity"],
-            state["robot_active"],
-            state["pedestrian_reactive"] & courteous,
+            robot.control_period,
+            periods,
+            float(known["time"]),
+            known["pedestrian_position"],
+            known["pedestrian_velocity"],
+            goal,
+            known["pedestrian_next_goal"],
+            known["pedestrian_switch_time"],
+            known.get("pedestrian_way", goal[:, None]),
+            known.get("pedestrian_further", np.empty((len(goal), 0, 2))),
+            np.where(known["pedestrian_walks_on"], -np.inf, known["pedestrian_served_time"]),
+            known["pedestrian_stop_time"],
+            known["pedestrian_stop_end"],
+            known["pedestrian_speed"],
+            known["pedestrian_acceleration"],
+            known["pedestrian_radius"],
+            known["robot_pose"],
+            known["robot_world_velocity"],
+            known["robot_active"],
+            known["pedestrian_reactive"] & known["pedestrian_attentive"] & courteous,
             self._index,
-            self._robot.radius,
-            state["obstacles"],
-            state["walls"],
+            robot.radius,
+            known["obstacles"],
+            known["walls"],
         )
+        if known is not state:
+            as_recorded = recorded(state, robot.control_period, periods)
+            future = np.concatenate([as_recorded, future], axis=1)
+            spread = np.concatenate([np.zeros(as_recorded.shape[:2]), spread], axis=1)
         if self._growth > 0.0:
-            later = np.arange(len(spread)) * (self._robot.control_period / TICKS)
+            later = np.arange(len(spread)) * (robot.control_period / TICKS)
             spread += self._growth * later[:, None]
-        return future, spread
+        # A plan begins when its first command acts.
+        return future[robot.latency * TICKS :], spread[robot.latency * TICKS :]

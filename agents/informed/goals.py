@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from crowdbench_agents.informed.prediction import ARRIVAL
+from crowdbench_agents.informed.prediction import ARRIVAL, without_hidden
 
 from crowdbench import orca_velocities
 from crowdbench.compiled import compiled
@@ -49,6 +49,10 @@ class Goals:
             futures: how many are drawn.
             rng: where draws come from.
         """
+        if "recorded_ahead" in state:
+            raise ValueError(
+                "intent=sampled: people who walk as recorded have no goals to be drawn"
+            )
         self._period, self._robot_radius, self._rng = period, robot_radius, rng
         length, width = state["goal_area"]
         x, y = (_middles(side) for side in (length, width))
@@ -97,6 +101,7 @@ class Goals:
     def draw(self, state):
         """States of the world, one for each future, with goals that may be the true ones."""
         futures, people = self._draws.shape[:2]
+        stands = ~state["pedestrian_walks_on"]
         goal, next_goal = np.empty((futures, people, 2)), np.empty((futures, people, 2))
         switch_time = np.empty((futures, people))
         further = np.empty((futures, people, FURTHER, 2))
@@ -118,9 +123,12 @@ class Goals:
             switch_time,
             further,
         )
+        for future in (goal, next_goal):  # who stands does so for all to see
+            future[:, stands] = state["pedestrian_position"][stands]
+        told = without_hidden(state)
         return [
             {
-                **state,
+                **told,
                 "pedestrian_goal": goal[k],
                 "pedestrian_next_goal": next_goal[k],
                 "pedestrian_switch_time": switch_time[k],
@@ -196,9 +204,6 @@ def _of_walks(
     likely = np.zeros((people, DIRECTIONS))
     preferred, out = np.empty_like(position), np.empty_like(position)
     place, sees = np.empty((robots, 2)), np.zeros((people, robots), dtype=np.bool_)
-    widest = 0.0
-    for p in range(people):
-        widest = max(widest, radius[p])
     for r in range(robots):
         place[r, 0], place[r, 1] = robot_pose[r, 0], robot_pose[r, 1]
     for courteous in range(2):
@@ -211,7 +216,7 @@ def _of_walks(
             for p in range(people):
                 preferred[p, 0], preferred[p, 1] = speed[p] * x, speed[p] * y
             orca_velocities(
-                position, velocity, preferred, speed, widest, sees, place, robot_velocity,
+                position, velocity, preferred, speed, radius, sees, place, robot_velocity,
                 robot_radius, 0.5, obstacles, walls, period, out,
             )  # fmt: skip
             for p in range(people):

@@ -98,6 +98,7 @@ def search(
     walls,
     origin,
     lengths,
+    winds,
     kept,
     plan,
 ):
@@ -119,7 +120,7 @@ def search(
         price: cost of being where somebody may be [s per s].
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
-        origin, lengths: of the DistanceField.
+        origin, lengths, winds: of the DistanceField.
         kept: (M, 2) what is left of the last plan. It competes: a plan that still works is not
             to be lost because the arcs are cut elsewhere now.
         plan: (HORIZON, 2) the cheapest plan, written.
@@ -171,7 +172,7 @@ def search(
                 status = _drive(beam[b], v, w, row, ticks, scene, child)
                 child[6] = b
                 if status == _RUNNING:
-                    left = _time_left(child, goal, tolerance, top, turn, origin, lengths)
+                    left = _time_left(child, goal, tolerance, top, turn, origin, lengths, winds)
                     score[count] = child[5] + left
                     count += 1
                 elif child[5] < best:
@@ -247,11 +248,18 @@ def _trace(node, level, history, kept, plan):
 
 
 @compiled()
-def _time_left(node, goal, tolerance, top, turn, origin, lengths):
+def _time_left(node, goal, tolerance, top, turn, origin, lengths, winds):
     """Least time from a pose to the goal [s], and a little for facing elsewhere."""
-    dx, dy = goal[0] - node[0], goal[1] - node[1]
+    x, y = node[0], node[1]
+    dx, dy = goal[0] - x, goal[1] - y
+    if winds and dx * dx + dy * dy > CELL:
+        # Down the slope of the length, which is that of the way.
+        dx = look_up(x - CELL, y, goal[0], goal[1], origin, lengths)
+        dx -= look_up(x + CELL, y, goal[0], goal[1], origin, lengths)
+        dy = look_up(x, y - CELL, goal[0], goal[1], origin, lengths)
+        dy -= look_up(x, y + CELL, goal[0], goal[1], origin, lengths)
     off = (math.atan2(dy, dx) - node[2] + math.pi) % (2 * math.pi) - math.pi
-    left = look_up(node[0], node[1], goal[0], goal[1], origin, lengths) - tolerance
+    left = look_up(x, y, goal[0], goal[1], origin, lengths) - tolerance
     return max(0.0, left) / top + 0.5 * abs(off) / turn
 
 

@@ -24,15 +24,26 @@ def in_view(view, me, robot, state):
     """
     pose, people = state["robot_pose"][me], len(state["pedestrian_position"])
     places = np.vstack([state["pedestrian_position"], state["robot_pose"][:, :2]])
+    there = np.isfinite(places[:, 0])
     if view == "all":
-        return np.ones(len(places), dtype=np.bool_)
+        return there
     if view == "lidar":
         # Other robots are taken for the circles around their footprints.
         radii = np.where(state["robot_active"], robot.radius, ABSENT)
         radii[me] = ABSENT
-        discs = np.column_stack([places, np.concatenate([state["pedestrian_radius"], radii])])
+        radii = np.where(there, np.concatenate([state["pedestrian_radius"], radii]), ABSENT)
+        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+        x, y, _ = robot.lidar_mount
+        mount = np.array(
+            [pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y, pose[2]]
+        )
         seen = hit_by_lidar(
-            pose, robot.lidar_angles, robot.lidar_range, discs, state["obstacles"], state["walls"]
+            mount,
+            robot.lidar_angles,
+            robot.lidar_range,
+            np.column_stack([places, radii]),
+            state["obstacles"],
+            state["walls"],
         )
     else:
         seen = on_map(pose, view, places)
@@ -47,6 +58,8 @@ def told_of(seen, state):
         name: value[seen[:people]] if name.startswith("pedestrian_") else value
         for name, value in state.items()
     }
+    if "recorded_ahead" in state:
+        limited["recorded_ahead"] = state["recorded_ahead"][:, seen[:people]]
     return {**limited, "robot_active": state["robot_active"] & seen[people:]}
 
 

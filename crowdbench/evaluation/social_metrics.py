@@ -55,14 +55,14 @@ def near_misses_per_min(episode: Episode) -> float:
 
 def min_dist(episode: Episode) -> float:
     """Least distance between the robot's centre and a pedestrian's [m]; NaN without any."""
-    distance = interactions.centre_distance(episode.robot_pose[:, :2], episode.pedestrian_position)
-    return float(distance.min()) if distance.size else math.nan
+    return _least(
+        interactions.centre_distance(episode.robot_pose[:, :2], episode.pedestrian_position)
+    )
 
 
 def min_clearance(episode: Episode) -> float:
     """Least distance between the robot's footprint and a pedestrian [m]; NaN without any."""
-    distance = episode.clearance
-    return float(distance.min()) if distance.size else math.nan
+    return _least(episode.clearance)
 
 
 def ttc_below_1s(episode: Episode) -> float:
@@ -106,6 +106,12 @@ def time_to_collision(episode: Episode) -> NDArray[np.float64]:
         episode.pedestrian_velocity[1:] - episode.robot_world_velocity[1:, None],
         episode.reach,
     )
+
+
+def _least(distance: NDArray[np.float64]) -> float:
+    """Of those who are there; NaN without any."""
+    there = distance[np.isfinite(distance)]
+    return float(there.min()) if there.size else math.nan
 
 
 def _per_minute(episode: Episode, events: float) -> float:

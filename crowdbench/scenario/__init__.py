@@ -12,13 +12,14 @@ from crowdbench.scenario.errors import NoRoomError, ScenarioError
 from crowdbench.scenario.files import load_scenario, parse_overrides, scenario_names
 from crowdbench.scenario.model import Scenario
 from crowdbench.scenario.people import Pedestrians
-from crowdbench.scenario.sections import Arena, Lidar, Obstacles, Reward, Robots
+from crowdbench.scenario.sections import Arena, Lidar, Obstacles, Odometry, Reward, Robots
 
 __all__ = [
     "Arena",
     "Lidar",
     "NoRoomError",
     "Obstacles",
+    "Odometry",
     "Pedestrians",
     "Reward",
     "Robots",

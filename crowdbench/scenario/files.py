@@ -131,6 +131,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
             f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
         )
     document = _read(path)
+    _locate(document, Path(str(path)).parent)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
     document.pop("order", None)
@@ -143,6 +144,21 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     return merge(beneath, document)
+
+
+def _locate(document: dict[str, Any], folder: Path) -> None:
+    """Make paths in a scenario's file, which start where it is, ones that start anywhere."""
+    arena = document.get("arena")
+    if isinstance(arena, dict) and isinstance(arena.get("image"), str):
+        arena["image"] = str(folder / arena["image"])
+    people = document.get("pedestrians")
+    if not isinstance(people, dict):
+        return
+    settings = people.get("recording")
+    if isinstance(settings, str):
+        people["recording"] = str(folder / settings)
+    elif isinstance(settings, dict) and isinstance(settings.get("file"), str):
+        settings["file"] = str(folder / settings["file"])
 
 
 def _is_file(path: Any) -> bool:

@@ -35,7 +35,7 @@ class Crowd:
         heading: (P,) direction of the last step walked [rad].
         goal: (P, 2) where each is going [m].
         preferred_speed: (P,) never to be exceeded [m/s].
-        radius: of every pedestrian [m].
+        radius: (P,) of the discs that they are [m].
         present: (P,) bool, who is in the scene.
         sees_robot: (P, R) bool, which pedestrian sees which robot now: a reactive one, with the
             robot in its field of view.
@@ -53,7 +53,7 @@ class Crowd:
     heading: NDArray[np.float64]
     goal: NDArray[np.float64]
     preferred_speed: NDArray[np.float64]
-    radius: float
+    radius: NDArray[np.float64]
     present: NDArray[np.bool_]
     sees_robot: NDArray[np.bool_]
     robot_position: NDArray[np.float64]
@@ -70,7 +70,7 @@ class Crowd:
 
     def only(self, chosen: NDArray[np.bool_]) -> Crowd:
         """The same moment without the other pedestrians; ``chosen`` is a mask (P,)."""
-        rows = ("position", "velocity", "heading", "goal", "preferred_speed", "present")
+        rows = ("position", "velocity", "heading", "goal", "preferred_speed", "radius", "present")
         kept = {name: getattr(self, name)[chosen] for name in (*rows, "sees_robot")}
         return replace(self, **kept)
 
@@ -145,7 +145,8 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
     def walk(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
         most = people.shape[1]
         position, velocity = np.empty((most, 2)), np.empty((most, 2))
-        preferred, speed, chosen = np.empty((most, 2)), np.empty(most), np.empty((most, 2))
+        preferred, chosen = np.empty((most, 2)), np.empty((most, 2))
+        speed, radius = np.empty(most), np.empty(most)
         robot_position = np.empty((robots.shape[1], 2))
         robot_velocity = np.empty((robots.shape[1], 2))
         for i in range(len(lanes)):
@@ -154,7 +155,7 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
             count = world.people
             for p in range(count):
                 person = people[lane, p]
-                speed[p] = person.speed
+                speed[p], radius[p] = person.speed, person.radius
                 for axis in range(2):
                     position[p, axis] = person.position[axis]
                     velocity[p, axis] = person.velocity[axis]
@@ -168,7 +169,7 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
                 velocity[:count],
                 preferred[:count],
                 speed[:count],
-                world.radius,
+                radius[:count],
                 sees[lane, :count],
                 robot_position,
                 robot_velocity,

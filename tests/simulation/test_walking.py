@@ -23,7 +23,7 @@ def random_crowd(seed, people=6, robots=2):
         heading=rng.uniform(-3, 3, people),
         goal=rng.uniform(-5, 5, (people, 2)),
         preferred_speed=rng.uniform(0.5, 1.2, people),
-        radius=0.25,
+        radius=rng.uniform(0.2, 0.3, people),
         present=np.ones(people, dtype=bool),
         sees_robot=rng.random((people, robots)) < 0.5,
         robot_position=rng.uniform(-3, 3, (robots, 2)),

@@ -47,9 +47,8 @@ def test_whoever_is_hit_is_what_a_scan_shows():
 
     def scan(discs, obstacles, walls, pose):
         out = np.empty(len(ANGLES), np.float32)
-        cast_rays(
-            pose, beams, np.empty((0, 2)), 0.25, np.vstack([discs, obstacles]), walls, 6.0, out
-        )
+        nobody, standing = np.empty((0, 2)), np.vstack([discs, obstacles])
+        cast_rays(pose, beams, nobody, standing, walls, 6.0, out)
         return out
 
     for _ in range(30):
