@@ -107,6 +107,7 @@ def simulated(recording: CrowdRecording, name: str) -> Frames:
             heading=np.arctan2(velocity[there, 1], velocity[there, 0]),
             goal=goal[there].copy(),
             preferred_speed=speed[there].copy(),
+            preferred_velocity=_straight(goal[there] - place[there], speed[there]),
             radius=np.full(len(there), RADIUS),
             present=np.ones(len(there), dtype=np.bool_),
             sees_robot=np.zeros((len(there), 0), dtype=np.bool_),
@@ -121,6 +122,12 @@ def simulated(recording: CrowdRecording, name: str) -> Frames:
         velocity[there] = model.velocities(crowd, time)
         place[there] += PERIOD * velocity[there]
     return Frames(position, PERIOD)
+
+
+def _straight(offset: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 2) at full speed towards points (N, 2) ahead [m/s]."""
+    away = np.maximum(np.linalg.norm(offset, axis=1), 1e-9)
+    return offset * (np.minimum(speed, away / PERIOD) / away)[:, None]
 
 
 def distances(real: Frames, other: Frames, rng: np.random.Generator) -> dict[str, list[float]]:
