@@ -1,4 +1,4 @@
-"""The scenarios that come with crowdbench: the twelve of the tables, the hard tier, and how they differ."""
+"""The scenarios that come with crowdbench: the twelve of the tables, and the hard tier."""
 
 from importlib import resources
 
