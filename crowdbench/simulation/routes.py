@@ -37,14 +37,12 @@ class Network(NamedTuple):
 
     Attributes:
         nodes, between, cores, reach: of the people's ``Ways``.
-        walkable: share of the reach that a person fills.
     """
 
     nodes: Reals
     between: Reals
     cores: Reals
     reach: Reals
-    walkable: float
 
 
 class Regions(NamedTuple):
@@ -149,7 +147,6 @@ def _routes(same: _Same) -> Routes:
             between=ways.between,
             cores=ways.cores,
             reach=ways.reach,
-            walkable=radius / float(ways.reach[0]) if len(walls) else 1.0,
         ),
         regions=Regions(
             corner=np.concatenate([spot.corner for spot in spots]),
