@@ -91,14 +91,14 @@ def has_routes(scenario: Scenario) -> bool:
     return scenario.arena.kind == "map" or bool(people.streams)
 
 
-def routes_of(scenario: Scenario) -> Routes:
-    """Of a scenario whose people have routes.
+def routes_of(scenario: Scenario) -> Routes | None:
+    """Of a scenario; None where people need none.
 
     Raises:
         ScenarioError: a region of a stream has no room, or no way leads through its regions; the
             message names the field and what is allowed.
     """
-    return _routes(_Same(scenario))
+    return _routes(_Same(scenario)) if has_routes(scenario) else None
 
 
 class _Same:
