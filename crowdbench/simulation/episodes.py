@@ -17,8 +17,8 @@ from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import RUNNING, TIMEOUT
 from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.obstacle_map import MapGeometry
-from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.routes import routes_of
+from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import Lane
 from crowdbench.simulation.worlds import Worlds
