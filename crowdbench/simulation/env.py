@@ -41,11 +41,13 @@ key           shape       meaning
                           nearest surface along each beam [m], ``lidar.range`` where nothing is
                           hit; a full circle starts ahead of it and goes counter-clockwise
 ``velocity``  (2,)        what the drive does, in the terms of its actions
-``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
+``goal``      (2,)        goal in the robot frame, x ahead, y left [m]; on a map, a point ahead
+                          on the shortest path to it, which a straight line reaches
 ``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero, and
                           drifts by ``robots.odometry``
 ``map``       (cells,     uint8, where ``obstacle_map`` is given: bit k of a cell says that
-              cells)      something was there in the scan k steps ago, k = 0 .. 7
+              cells)      something was there in the scan k steps ago, k = 0 .. 7; drawn from
+                          where the robot will be when its next action begins to act
 ============  ==========  ==================================================================
 
 Pedestrians: ``Dict`` of float32, in world axes; everything but ``velocity`` is relative to the
@@ -55,7 +57,7 @@ pedestrian. R robots, P pedestrians.
 key              shape        meaning
 ===============  ===========  ==============================================================
 ``velocity``     (2,)         its own velocity [m/s]
-``goal``         (2,)         offset to its current goal [m]
+``goal``         (2,)         offset to its current goal, or the next point of its way there [m]
 ``robots``       (R, 4)       offset [m] and relative velocity [m/s] of each robot; zeros for
                               one that has left the scene
 ``pedestrians``  (P - 1, 4)   the same of every other pedestrian
@@ -68,23 +70,24 @@ Starting state
 --------------
 Drawn from the episode seed. In the open, robots start on a circle of diameter ``robots.travel``
 with their goals opposite; in a corridor, ``robots.travel`` metres from them along it; where several
-robots leave no room there, on lines elsewhere in the arena. Both ends lie inside the arena. Robots
-stand still and face their goals to within 30 degrees. Obstacles and pedestrians lie at random
-without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and already
-walking.
+robots leave no room there, on lines elsewhere in the arena. ``robots.start`` and ``robots.goal``
+say other places, as on every map. Both ends lie inside the arena. Robots stand still and face their
+goals, or the first stretch of the path, to within 30 degrees. Obstacles and pedestrians lie at
+random without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and
+already walking.
 
 Rewards
 -------
 Robots: the sum of three terms (paper, section III.B), weights in the scenario's ``reward``; their
 defaults are given here.
 
-- ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
+- ``goal``: 20 on arrival, else 9 per metre gained towards the goal, on a map along the path.
 - ``collision``: -60 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
   d < 1.25 m from the LiDAR.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
   come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.
 
-Pedestrians: metres gained towards their current goal.
+Pedestrians: metres gained towards their current goal, or the next point of their way there.
 
 Episode end
 -----------
@@ -395,8 +398,9 @@ class CrowdEnv(ParallelEnv):
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
         seen |= observations.observe_pedestrians(world, self._walkers)
+        targets = world.ways[:, 0] if self._walkers else world.pedestrians.goal
         for name, p in self._walkers.items():
-            goal, after = world.pedestrians.goal[p], world.pedestrians.position[p]
+            goal, after = targets[p], world.pedestrians.position[p]
             # To its present goal: a new one, further away, is no loss.
             rewards[name] = math.dist(goal, before[p]) - math.dist(goal, after)
             terminations[name], truncations[name], infos[name] = False, over, {}

@@ -26,7 +26,7 @@ ARRIVAL = 0.3
 """A pedestrian this near to its goal has arrived [m]."""
 PATIENCE = 3.0
 """A leg that takes this many times as long as a free walk is given up."""
-_SLOWEST = 0.05
+SLOWEST = 0.05
 """Slower pedestrians count as this fast, or do not turn their heads [m/s]."""
 
 
@@ -121,7 +121,7 @@ def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
 def _free_walk(person):  # type: ignore[no-untyped-def]
     """Seconds that the leg takes when nobody is in the way."""
     x, y = person.goal[0] - person.start[0], person.goal[1] - person.start[1]
-    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, _SLOWEST)
+    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, SLOWEST)
 
 
 @compiled()
@@ -158,7 +158,7 @@ def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
     """Turn the heads of a lane's people who walk, and note who sees which robot."""
     for p in range(world.people):
         person = people[p]
-        if math.hypot(person.velocity[0], person.velocity[1]) > _SLOWEST:
+        if math.hypot(person.velocity[0], person.velocity[1]) > SLOWEST:
             person.heading = math.atan2(person.velocity[1], person.velocity[0])
         for r in range(len(robots)):
             sees[p, r] = False
