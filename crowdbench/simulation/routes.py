@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import corners
@@ -124,6 +123,8 @@ def _routes(same: _Same) -> Routes:
     radius = people.radii[1]
     ground = Ground(arena, walls, radius)
     # What is connected here is wide enough for people for certain, whatever their ways touch.
+    from scipy import ndimage  # here, since few scenarios have routes
+
     areas = np.asarray(ndimage.label(ground.free(radius))[0])
     tables: list[Mask] = []
     outlines: list[Reals] = []
