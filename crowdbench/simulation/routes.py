@@ -37,14 +37,12 @@ class Network(NamedTuple):
 
     Attributes:
         nodes, between, cores, reach: of the people's ``Ways``.
-        walkable: share of the reach that a person fills.
     """
 
     nodes: Reals
     between: Reals
     cores: Reals
     reach: Reals
-    walkable: float
 
 
 class Regions(NamedTuple):
@@ -93,14 +91,14 @@ def has_routes(scenario: Scenario) -> bool:
     return scenario.arena.kind == "map" or bool(people.streams)
 
 
-def routes_of(scenario: Scenario) -> Routes:
-    """Of a scenario whose people have routes.
+def routes_of(scenario: Scenario) -> Routes | None:
+    """Of a scenario; None where people need none.
 
     Raises:
         ScenarioError: a region of a stream has no room, or no way leads through its regions; the
             message names the field and what is allowed.
     """
-    return _routes(_Same(scenario))
+    return _routes(_Same(scenario)) if has_routes(scenario) else None
 
 
 class _Same:
@@ -149,7 +147,6 @@ def _routes(same: _Same) -> Routes:
             between=ways.between,
             cores=ways.cores,
             reach=ways.reach,
-            walkable=radius / float(ways.reach[0]) if len(walls) else 1.0,
         ),
         regions=Regions(
             corner=np.concatenate([spot.corner for spot in spots]),

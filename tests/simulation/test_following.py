@@ -276,5 +276,5 @@ def test_a_way_in_the_state_leads_from_the_person_to_its_goal():
 )  # fmt: skip
 def test_a_stream_without_a_way_is_refused(changes, message):
     with pytest.raises(ScenarioError) as caught:
-        World(two_streams(**changes), 0)
+        parallel_env(two_streams(**changes))
     assert message in str(caught.value)

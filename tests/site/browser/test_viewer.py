@@ -99,6 +99,21 @@ def test_between_states_places_are_on_the_line_between(page, site, stored):
         np.testing.assert_allclose(shown, 0.75 * array[2] + 0.25 * array[3], atol=1e-6)
 
 
+def test_who_enters_anew_does_not_slide_there(page, site, stored):
+    watch(page, site, CORRIDOR, "straight_line", 900000)
+    episode = {
+        "period": 0.2, "steps": 2, "people": 2, "otherCount": 0, "others": [], "pose": [0] * 9,
+        "motion": [0] * 4, "radii": [0.25] * 2, "intents": ["keep"],
+        "position": [0, 0, 0, 1, 0.2, 0, -6, 1, 0.4, 0, -5.8, 1], "velocity": [1, 0] * 6,
+        "legs": [[[0, 0, 9]]] * 2, "goals": [[[0, 9, 9]]] * 2, "sees": [[[0, 1]]] * 2,
+    }  # fmt: skip
+    between = page.evaluate(
+        "episode => [0.1, 0.3].map(t => crowdbench.frame(episode, t).people.map(p => p.position))",
+        episode,
+    )
+    np.testing.assert_allclose(between, [[[0.1, 0], [0, 1]], [[0.3, 0], [-5.9, 1]]], atol=1e-12)
+
+
 def test_what_is_on_the_canvas_is_where_the_log_has_it(page, site, stored):
     """Colours under the places of the log: the robot's white arrow, blue people, a green goal."""
     episode = stored.episodes[CORRIDOR, "straight_line", 900000, "robot_0"]
