@@ -293,12 +293,25 @@ def sees(ax, ay, bx, by, cores, reach, share):  # type: ignore[no-untyped-def]
             continue
         x1, y1, x2, y2 = cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3]
         keep = reach[i] * share
+        if _beside(ax, ay, bx, by, x1, y1, x2, y2, keep) or _beside(
+            x1, y1, x2, y2, ax, ay, bx, by, keep
+        ):
+            continue
         gap = _gap(ax, ay, bx, by, x1, y1, x2, y2)
         if gap < keep - _TOLERANCE:
             nearer = min(_distance(ax, ay, x1, y1, x2, y2), _distance(bx, by, x1, y1, x2, y2))
             if gap < nearer - _TOLERANCE:
                 return False
     return True
+
+
+@compiled()
+def _beside(ax, ay, bx, by, x1, y1, x2, y2, keep):  # type: ignore[no-untyped-def]
+    """Whether a segment lies beside the line through a and b, farther from it than ``keep``."""
+    ex, ey = bx - ax, by - ay
+    one, two = ex * (y1 - ay) - ey * (x1 - ax), ex * (y2 - ay) - ey * (x2 - ax)
+    least = keep * keep * (ex * ex + ey * ey)
+    return one * two > 0.0 and one * one > least and two * two > least
 
 
 @compiled()
