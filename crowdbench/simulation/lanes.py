@@ -135,6 +135,9 @@ PERSON = np.dtype(
         ("stop_end", _REAL),
         ("stop_leg", _REAL),  # deadline of the leg that these belong to
         ("stops", _WHOLE),  # legs so far, stops or none
+        ("group", _WHOLE),  # -1 for none
+        ("leader", _WHOLE),  # of the group, its first; -1 for none
+        ("along", _REAL, 2),  # unit vector along which the group of a leader walks
         ("queue", _WHOLE),  # that the person belongs to, -1 for none
         ("place", _WHOLE),  # in it, from 0, -1 while the person is somewhere else
         ("served_time", _REAL),  # when the first one leaves, inf before it is served

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
+from crowdbench.simulation.group_layout import place_together
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
 from crowdbench.simulation.traits import Traits, draw_traits, places_in_line
 from crowdbench.simulation.walls import walls_of
@@ -125,10 +127,18 @@ def _attempt(
     fixed = len(taken)
     taken = np.vstack([taken, np.repeat(traits.radius[len(lines) :, None], 3, axis=1)])
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
-    if places is None:
-        placed = _place_discs(rng, half, taken, fixed)
+
+    def place_anywhere(discs: NDArray[np.float64], first: int) -> int:
+        if places is None:
+            return _place_discs(rng, half, discs, first)
+        return places.place_people(rng, discs, first)
+
+    if (traits.group >= 0).any():
+        is_free = places.are_beside if places else partial(_are_within, half)
+        group = traits.group[len(lines) :]
+        placed = place_together(rng, group, taken, fixed, place_anywhere, is_free)
     else:
-        placed = places.place_people(rng, taken, fixed)
+        placed = place_anywhere(taken, fixed)
     placed += len(lines)
     if placed < people.count:
         raise _CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
@@ -137,6 +147,13 @@ def _attempt(
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
     return Layout(pose, goal, obstacles, walls, position, reactive, traits)
+
+
+def _are_within(
+    half: NDArray[np.float64], _place: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(K,) whether places (K, 2) lie within +/- half (2,) [m]."""
+    return np.asarray((np.abs(others) <= half).all(axis=1))
 
 
 def _place_robots(
