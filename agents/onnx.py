@@ -11,7 +11,7 @@ input         shape           type       meaning
 ``goal``      (2,)            float32    as in ``crowdbench.Observation``
 ``pose``      (3,)            float32    as in ``crowdbench.Observation``
 ``map``       (cells, cells)  uint8      the last eight scans as one obstacle map, see
-                                         ``crowdbench_agents.learning.perception``
+                                         ``crowdbench.ObstacleMap``
 ============  ==============  =========  ==========================================================
 
 The output ``action`` (2,), float32, is what the robot's drive takes, for a differential one v [m/s]
@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from crowdbench_agents.learning.config import Perception
-from crowdbench_agents.learning.perception import ObstacleMap
 from crowdbench_agents.learning.trained_robot import TrainedRobot, warn_of_other_robot
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
@@ -93,7 +92,7 @@ class Onnx(crowdbench.Agent):
         if self._trained is not None:
             self.drives = (self._trained.drive,)
         self._check_map()
-        self._map: ObstacleMap | None = None
+        self._map: crowdbench.ObstacleMap | None = None
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Forget the last episode; there is no randomness."""
@@ -106,7 +105,7 @@ class Onnx(crowdbench.Agent):
             warn_of_other_robot(f"the policy in {self._file}", self._trained, robot)
         if self._perception is not None and "map" in self._shapes:
             geometry = self._perception.geometry
-            self._map = ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
+            self._map = crowdbench.ObstacleMap(robot, geometry)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the network's action."""

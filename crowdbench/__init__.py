@@ -8,6 +8,8 @@ The names in ``__all__`` are the public interface:
   several robots (a ``CrowdParallelVectorEnv``);
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
+- ``ObstacleMap``: scans of the last steps as one image, laid out by a ``MapGeometry``;
+  ``ObstacleMaps`` are those of many robots;
 - scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
 - ``read_yaml``: a configuration file of an agent, read as strictly as scenarios are;
 - ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv, parallel_env
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
+    from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMap, ObstacleMaps
     from crowdbench.simulation.orca import orca_velocities
     from crowdbench.simulation.parallel_vector_env import (
         CrowdParallelVectorEnv,
@@ -58,7 +61,10 @@ _LAZY = {
     "CrowdVectorEnv": "crowdbench.simulation.vector_env",
     "Drive": "crowdbench.simulation.kinematics",
     "Episode": "crowdbench.evaluation.episode",
+    "MapGeometry": "crowdbench.simulation.obstacle_map",
     "Metric": "crowdbench.evaluation.metric",
+    "ObstacleMap": "crowdbench.simulation.obstacle_map",
+    "ObstacleMaps": "crowdbench.simulation.obstacle_map",
     "orca_velocities": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
     "parallel_env": "crowdbench.simulation.env",
@@ -78,9 +84,12 @@ __all__ = [
     "CrowdVectorEnv",
     "Drive",
     "Episode",
+    "MapGeometry",
     "Metric",
     "NoRoomError",
     "Observation",
+    "ObstacleMap",
+    "ObstacleMaps",
     "RobotSpec",
     "Scenario",
     "ScenarioError",

@@ -71,6 +71,9 @@ class RobotSpec:
             an agent can remember what it asked for. Before the first one acts the robot stands.
         lidar_mount: where on the robot the beams begin, x ahead, y left [m], and how far the LiDAR
             is turned to the left [rad], which ``lidar_angles`` have in them.
+        goal: where the robot has to get in this episode: x, y [m] in the frame of ``pose``, its own
+            at the start; None where no episode is meant. On a map, the observed ``goal`` is a point
+            on the way there.
     """
 
     name: str
@@ -87,6 +90,7 @@ class RobotSpec:
     lidar_range: float
     latency: int = 0
     lidar_mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goal: tuple[float, float] | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, name: str = "robot_0") -> RobotSpec:
@@ -140,7 +144,8 @@ class Observation:
     Attributes:
         lidar: (beams,) float32 distances from the LiDAR, ``RobotSpec.lidar_mount`` [m].
         velocity: (2,) float32 what the drive does now, in the terms of an action.
-        goal: (2,) float32 goal in the robot frame, x ahead, y left [m].
+        goal: (2,) float32 goal in the robot frame, x ahead, y left [m]; on a map, the point ahead
+            on the shortest path to it.
         pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero, and drifts
             where the scenario says so.
         state: everything about the world (``CrowdEnv.state()``); None unless the agent is

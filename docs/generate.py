@@ -68,7 +68,8 @@ def _allowed(field: dict[str, Any]) -> str:
     if options := field.get("anyOf") or field.get("oneOf"):
         return " or ".join(map(_allowed, options))
     if "prefixItems" in field:
-        return f"two numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
+        count = {2: "two", 3: "three", 4: "four"}[len(field["prefixItems"])]
+        return f"{count} numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
     if "minimum" in field and "maximum" in field:
         return f"{field['minimum']:g} to {field['maximum']:g}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}

@@ -27,3 +27,16 @@ def hall(**changes):
     """The scenario with some fields changed, dots written as two underscores."""
     dotted = {key.replace("__", "."): value for key, value in changes.items()}
     return load_scenario("multimodal_fast", **{**HALL, **dotted})
+
+
+ROOMS = {
+    "arena.kind": "map",
+    "arena.length": 8,
+    "arena.width": 8,
+    "arena.walls": [[-4, -4, 4, -4], [4, -4, 4, 4], [4, 4, -4, 4], [-4, 4, -4, -4], [0, -4, 0, 2]],
+    "arena.polygons": [[[-2.3, 0], [-1.7, 0], [-2, 0.5]]],
+    "arena.regions": {"left": [-3.5, -3.5, -0.5, 1], "right": [[0.5, -3.5], [3.5, -3.5], [3.5, 1]]},
+    "robots.start": "left",
+    "robots.goal": "right",
+}
+"""Two rooms side by side, as changes of any scenario."""

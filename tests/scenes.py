@@ -22,6 +22,19 @@ def random_scene(seed):
     return walls, discs
 
 
+def pillar_scene(seed, pillars=14):
+    """Edges of square pillars, turned at random, and two walls with a gap: 58 walls, no discs."""
+    rng = np.random.default_rng(seed)
+    edges = [(2.0, -2.4, 2.0, -0.4), (2.0, 0.3, 2.0, 2.4)]
+    while len(edges) < 2 + 4 * pillars:
+        x, y = rng.uniform([0.5, -2.2], [3.5, 2.2])
+        turn = rng.uniform(0, math.pi / 2) + np.arange(5) * math.pi / 2
+        corners = np.column_stack([x + 0.2 * np.cos(turn), y + 0.2 * np.sin(turn)])
+        if abs(x - 2.0) > 0.7:
+            edges += np.hstack([corners[:-1], corners[1:]]).tolist()
+    return np.array(edges), np.empty((0, 3))
+
+
 def grid_search(walls, discs, spacing=0.025):
     """Dijkstra on a grid with 32 directions; moves are checked every quarter of the spacing."""
     xs, ys = np.arange(-0.5, 4.5 + 1e-9, spacing), np.arange(-2.5, 2.5 + 1e-9, spacing)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from crowdbench_agents.learning.perception import ObstacleMap
 from crowdbench_agents.learning.trained_robot import TrainedRobot, warn_of_other_robot
 from numpy.typing import NDArray
 
@@ -61,7 +60,7 @@ class LearnedAgent(crowdbench.Agent):
 
         warn_of_other_robot(self._name, self._trained, robot)
         geometry = self._config.perception.geometry
-        self._map = ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
+        self._map = crowdbench.ObstacleMap(robot, geometry)
         self._bounds = ActionBounds.of(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:

@@ -22,9 +22,11 @@ _MODES = ("1", "L", "LA", "P", "RGB", "RGBA")
 """Of pictures with up to 8 bits a channel, as Pillow names them."""
 _JOINT = 0.05
 """Half side of the square by which pixels that touch at a corner are joined [pixels]."""
-_TOLERANCE = 0.75
-"""By how much an outline may be simplified: stairs of one to one, but no wall a pixel thick
-[pixels]."""
+_FINE, _COARSE = 0.75, 1.0
+"""By how much an outline may be simplified: what is as thin as a pixel keeps its shape, but only
+stairs of 45 degrees become straight; or all stairs do [pixels]."""
+_SHARE = 0.1
+"""Of its area by which a coarse outline may be smaller or larger."""
 _DIGITS = 6
 """Decimals of a coordinate [m]."""
 
@@ -130,7 +132,7 @@ def outlines_of(solid: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
 
     boxes = [_runs(solid), _joints(solid)]
     whole = shapely.unary_union(shapely.box(*np.concatenate(boxes).T))
-    pieces = [shapely.simplify(part, _TOLERANCE) for part in _polygons_in(whole)]
+    pieces = [_simplified(part) for part in _polygons_in(whole)]
     simple = [part for piece in pieces for part in _without_holes(piece)]
     return [np.array(shapely.normalize(part).exterior.coords)[:-1] for part in simple]
 
@@ -157,6 +159,16 @@ def _polygons_in(shape: Any) -> list[Any]:
     if shape.geom_type == "Polygon":
         return [] if shape.is_empty else [shape]
     return [part for one in getattr(shape, "geoms", ()) for part in _polygons_in(one)]
+
+
+def _simplified(polygon: Any) -> Any:
+    """The same with fewer corners, coarsely if that halves them; what holds together still does."""
+    import shapely
+
+    fine, coarse = (shapely.simplify(polygon, tolerance) for tolerance in (_FINE, _COARSE))
+    corners = [shapely.get_num_coordinates(outline) for outline in (fine, coarse)]
+    alike = abs(coarse.area - polygon.area) <= _SHARE * polygon.area
+    return coarse if alike and 2 * corners[1] <= corners[0] else fine
 
 
 def _without_holes(polygon: Any) -> list[Any]:

@@ -12,8 +12,10 @@ are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
 Action space
 ------------
 Robots: ``Box(2,)``, held for one control period (``control_period``, 0.2 s). Actions out of range
-are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. The first
-number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the drive's (left > 0):
+are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. With
+``robots.latency`` they act that many control periods later; until the first one does the robot
+stands. The first number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the
+drive's (left > 0):
 
 ===================  ======================================================================
 ``robots.drive``     second number of an action
@@ -35,12 +37,15 @@ Robots: ``Dict`` of float32.
 ============  ==========  ==================================================================
 key           shape       meaning
 ============  ==========  ==================================================================
-``lidar``     (beams,)    distance from the robot's centre to the nearest surface along each
-                          beam [m], ``lidar.range`` where nothing is hit; a full circle starts
-                          ahead and goes counter-clockwise
+``lidar``     (beams,)    distance from the LiDAR (``lidar.mount``, the robot's centre) to the
+                          nearest surface along each beam [m], ``lidar.range`` where nothing is
+                          hit; a full circle starts ahead of it and goes counter-clockwise
 ``velocity``  (2,)        what the drive does, in the terms of its actions
 ``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
-``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero
+``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero, and
+                          drifts by ``robots.odometry``
+``map``       (cells,     uint8, where ``obstacle_map`` is given: bit k of a cell says that
+              cells)      something was there in the scan k steps ago, k = 0 .. 7
 ============  ==========  ==================================================================
 
 Pedestrians: ``Dict`` of float32, in world axes; everything but ``velocity`` is relative to the
@@ -75,7 +80,7 @@ defaults are given here.
 
 - ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
 - ``collision``: -60 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
-  d < 1.25 m from the robot's centre.
+  d < 1.25 m from the LiDAR.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
   come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.
 
@@ -109,10 +114,13 @@ far, about a tenth of a millisecond per step, and has no window.
 
 Arguments
 ---------
-``crowdbench.parallel_env(scenario="multimodal_fast", render_mode=None, **overrides)``
+``crowdbench.parallel_env(scenario="multimodal_fast", render_mode=None, obstacle_map=None,
+**overrides)``
 
 - ``scenario``: name, path of a YAML file, or a ``Scenario``.
 - ``render_mode``: ``human`` (a window), ``rgb_array`` or None.
+- ``obstacle_map``: a ``MapGeometry`` for robots to observe the last eight scans as one image too
+  (``crowdbench.ObstacleMap``), ``MapGeometry()`` for that of the learned agents.
 - ``overrides``: scenario fields, nested (``pedestrians={"count": 12}``) or dotted
   (``**{"pedestrians.count": 12}``).
 
@@ -133,6 +141,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -146,6 +155,8 @@ from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
+from crowdbench.simulation.map_layout import places_of
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import World
@@ -162,6 +173,7 @@ PEDESTRIAN_TOP_SPEED = 2.0
 def parallel_env(
     scenario: str | Path | Scenario = "multimodal_fast",
     render_mode: RenderMode | None = None,
+    obstacle_map: MapGeometry | None = None,
     **overrides: Any,
 ) -> CrowdEnv:
     """Make the PettingZoo parallel environment of a scenario.
@@ -169,12 +181,13 @@ def parallel_env(
     Args:
         scenario: name of a built-in scenario, path of a YAML file, or a Scenario.
         render_mode: ``human``, ``rgb_array`` or None.
+        obstacle_map: where the map lies that robots also observe; None: they observe none.
         overrides: scenario fields, nested (``pedestrians={"count": 12}``) or dotted.
 
     Raises:
         ScenarioError: unknown scenario or field, or a value out of range.
     """
-    return CrowdEnv(load_scenario(scenario, **overrides), render_mode=render_mode)
+    return CrowdEnv(load_scenario(scenario, **overrides), render_mode, obstacle_map)
 
 
 class CrowdEnv(ParallelEnv):
@@ -194,18 +207,25 @@ class CrowdEnv(ParallelEnv):
         "render_fps": 5,
     }
 
-    def __init__(self, scenario: Scenario, render_mode: RenderMode | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        render_mode: RenderMode | None = None,
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Prepare the spaces; the world is built by ``reset``.
 
         Raises:
             ValueError: an unknown render mode.
-            ScenarioError: the drive cannot be used, or bodies are too fast for their size.
+            ScenarioError: the drive cannot be used, bodies are too fast for their size, or a region
+                has no room.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode {render_mode!r}: expected None or one of {modes}")
         self.scenario = scenario
         self.render_mode = render_mode
+        self._obstacle_map = obstacle_map
         fps = round(1 / scenario.control_period, 6)
         whole = int(fps) if fps.is_integer() and fps > 0 else 1 / scenario.control_period
         self.metadata = {**type(self).metadata, "render_fps": whole}
@@ -216,11 +236,17 @@ class CrowdEnv(ParallelEnv):
         self.agents: list[str] = []
         drive = make_drive(scenario)
         self.action_spaces, self.observation_spaces = observations.agent_spaces(
-            scenario, drive, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED
+            scenario,
+            drive,
+            self._robots,
+            list(self._walkers),
+            PEDESTRIAN_TOP_SPEED,
+            obstacle_map,
         )
         self.state_space = observations.state_space(scenario)
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
+        places_of(scenario)
         self._low, self._high = drive.low, drive.high
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None
@@ -236,8 +262,11 @@ class CrowdEnv(ParallelEnv):
         return self.action_spaces[agent]
 
     def robot_spec(self, agent: str = "robot_0") -> RobotSpec:
-        """What a planner may know about a robot."""
-        return RobotSpec.from_scenario(self.scenario, agent)
+        """What a planner may know about a robot; its goal once the environment has been reset."""
+        spec = RobotSpec.from_scenario(self.scenario, agent)
+        if self._world is None or agent not in self._robots:
+            return spec
+        return replace(spec, goal=observations.final_goal(self._world, self._robots.index(agent)))
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -269,7 +298,7 @@ class CrowdEnv(ParallelEnv):
     def _begin(self, seed: int) -> dict[str, Any]:
         """Build the world of an episode; observations by agent."""
         if self._world is None:
-            self._world = World(self.scenario, seed)
+            self._world = World(self.scenario, seed, self._obstacle_map)
         else:
             self._world.begin(seed)
         self._seed = seed
@@ -285,6 +314,7 @@ class CrowdEnv(ParallelEnv):
         return {
             "scenario": self.scenario,
             "render_mode": self.render_mode,
+            "obstacle_map": self._obstacle_map,
             "spaces": (self.action_spaces, self.observation_spaces),
             "next_seed": self._next_seed,
             "episode": (self._seed, self._taken) if begun else None,
@@ -292,7 +322,7 @@ class CrowdEnv(ParallelEnv):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Simulate the episode so far again: physics cannot be copied, but is exact."""
-        self.__init__(state["scenario"], state["render_mode"])  # type: ignore[misc]
+        self.__init__(*(state[key] for key in ("scenario", "render_mode", "obstacle_map")))  # type: ignore[misc]
         self.action_spaces, self.observation_spaces = state["spaces"]
         self._next_seed = state["next_seed"]
         if state["episode"] is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +137,10 @@ def robot_clearance(scenario: Scenario) -> float:
     return robot_radius(scenario.robots) + WALL_CLEARANCE
 
 
+_recent: deque[Places] = deque(maxlen=4)
+"""Places found last: who has checked a scenario begins an episode of it next."""
+
+
 def places_of(scenario: Scenario) -> Places | None:
     """Where everybody may begin; None where no region says so.
 
@@ -146,6 +151,9 @@ def places_of(scenario: Scenario) -> Places | None:
     robots, people = scenario.robots, scenario.pedestrians
     if robots.start is None or robots.goal is None:
         return None
+    for known in _recent:
+        if known.scenario is scenario:
+            return known
     clearance = robot_clearance(scenario)
     at_goal = max(clearance, robots.goal_tolerance)  # so that no goal is reached through a wall
     beside = scenario.obstacles.radius[1] + passage(robots)
@@ -175,7 +183,7 @@ def places_of(scenario: Scenario) -> Places | None:
             f"scenario {scenario.name!r}: pedestrians.radius: {people.radii[1]:g} m leaves no room "
             "where robots drive; allowed: less, or more room between walls"
         )
-    return Places(
+    places = Places(
         scenario=scenario,
         ground=ground,
         walls=walls,
@@ -186,6 +194,8 @@ def places_of(scenario: Scenario) -> Places | None:
         obstacles=ground.spots(ground.free(beside)),
         room=room,
     )
+    _recent.append(places)
+    return places
 
 
 def _room_for(

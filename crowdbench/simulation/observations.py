@@ -14,13 +14,19 @@ from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
 
 
 def agent_spaces(
-    scenario: Scenario, drive: Drive, robots: list[str], walkers: list[str], top_speed: float
+    scenario: Scenario,
+    drive: Drive,
+    robots: list[str],
+    walkers: list[str],
+    top_speed: float,
+    obstacle_map: MapGeometry | None = None,
 ) -> tuple[dict[str, spaces.Space[Any]], dict[str, spaces.Space[Any]]]:
     """Action and observation spaces by agent; agents of a kind share theirs."""
     body = scenario.robots
@@ -28,14 +34,15 @@ def agent_spaces(
     act = spaces.Box(low, high, dtype=np.float32)
     walk = spaces.Box(-top_speed, top_speed, (2,), dtype=np.float32)
     rest_low, rest_high = np.minimum(low, 0), np.maximum(high, 0)
-    sense = spaces.Dict(
-        {
-            "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
-            "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
-            "goal": _unbounded(2),
-            "pose": _unbounded(3),
-        }
-    )
+    parts: dict[str, spaces.Space[Any]] = {
+        "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
+        "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
+        "goal": _unbounded(2),
+        "pose": _unbounded(3),
+    }
+    if obstacle_map is not None:
+        parts["map"] = spaces.Box(0, 255, (obstacle_map.cells, obstacle_map.cells), np.uint8)
+    sense = spaces.Dict(parts)
     others = max(0, scenario.pedestrians.count - 1)
     look = spaces.Dict(
         {
@@ -145,8 +152,17 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
 def observe_robots(world: World, robots: list[str]) -> dict[str, dict[str, Any]]:
     """Observations of the robots that are there, as arrays of their own, by their names."""
     world.observe()
-    rows = zip(robots, world.seen, world.active.tolist(), strict=True)
-    return {name: as_observation(row.copy()) for name, row, there in rows if there}
+    maps = [None] * len(robots) if world.maps is None else world.maps.copy()
+    rows = zip(robots, world.seen, maps, world.active.tolist(), strict=True)
+    return {name: as_observation(row.copy(), image) for name, row, image, there in rows if there}
+
+
+def final_goal(world: World, robot: int) -> tuple[float, float]:
+    """A robot's goal in the frame of its odometry [m]."""
+    x, y, heading = world.layout.robot_pose[robot].tolist()
+    goal_x, goal_y = world.layout.robot_goal[robot].tolist()
+    x, y, cosine, sine = goal_x - x, goal_y - y, math.cos(heading), math.sin(heading)
+    return cosine * x + sine * y, cosine * y - sine * x
 
 
 def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:

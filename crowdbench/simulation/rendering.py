@@ -41,7 +41,8 @@ class Renderer:
         self._mode = mode
         self._scenario = scenario
         self._spec = RobotSpec.from_scenario(scenario)
-        self._view = View(scenario.arena.length, scenario.arena.width)
+        arena = scenario.arena
+        self._view = View(arena.length, arena.width, arena.centre)
         self._trails = _Trails()
         self._fonts: dict[int, pygame.font.Font] = {}
         self._window: Window | None = None
@@ -101,6 +102,8 @@ class Renderer:
         self._trails.draw(brush, state)
         for index, points in scans:
             brush.glaze(points, _robot(index), share=0.14 if len(scans) == 1 else 0.07)
+        for polygon in self._scenario.arena.polygons:
+            brush.polygon(np.array(polygon), OBSTACLE)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
         _draw_groups(brush, people)
@@ -241,22 +244,26 @@ def _scale_bar(length: float) -> float:
 
 
 def _scan_points(pose: Points, scan: NDArray[Any], spec: RobotSpec) -> Points:
-    """World positions where the beams end [m], after the robot's own unless it sees all around."""
+    """World positions where the beams end [m], after the LiDAR's unless it sees all around."""
     angles = pose[2] + spec.lidar_angles
-    ends = pose[:2] + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    all_around = len(angles) > 2 and spec.lidar_angles[0] == 0.0
-    return ends if all_around else np.vstack([pose[None, :2], ends])
+    x, y, turn = spec.lidar_mount
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    lidar = pose[:2] + np.array([cosine * x - sine * y, sine * x + cosine * y])
+    ends = lidar + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    all_around = len(angles) > 2 and spec.lidar_angles[0] == turn
+    return ends if all_around else np.vstack([lidar[None], ends])
 
 
 def _draw_floor(brush: Brush, view: View) -> None:
-    x, y = view.length / 2, view.width / 2
-    brush.polygon(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), WHITE)
+    half = np.array([view.length, view.width]) / 2
+    (left, low), (right, high) = view.centre - half, view.centre + half
+    brush.polygon(np.array([[left, low], [right, low], [right, high], [left, high]]), WHITE)
     hair = 1.0 / view.scale
     spacing = _scale_bar(view.length) / 2
-    for at in np.arange(-np.floor(x / spacing), np.floor(x / spacing) + 1) * spacing:
-        brush.line(np.array([at, -y]), np.array([at, y]), hair, GRID)
-    for at in np.arange(-np.floor(y / spacing), np.floor(y / spacing) + 1) * spacing:
-        brush.line(np.array([-x, at]), np.array([x, at]), hair, GRID)
+    for at in np.arange(np.ceil(left / spacing), np.floor(right / spacing) + 1) * spacing:
+        brush.line(np.array([at, low]), np.array([at, high]), hair, GRID)
+    for at in np.arange(np.ceil(low / spacing), np.floor(high / spacing) + 1) * spacing:
+        brush.line(np.array([left, at]), np.array([right, at]), hair, GRID)
 
 
 def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:

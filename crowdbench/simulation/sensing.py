@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.lanes import PROPRIOCEPTION
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
+from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMaps
 from crowdbench.simulation.rounding import sum_of_products
 
 
@@ -130,11 +133,50 @@ def add_noise(scan: NDArray[np.float32], scenario: Scenario, noise: np.random.Ge
         scan[noise.random(len(scan)) < lidar.dropout] = lidar.range
 
 
-def as_observation(seen: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-    """Parts of what one robot sees, or many (..., PROPRIOCEPTION + beams), by name."""
-    return {
+class DrawnMaps:
+    """The obstacle maps of the robots in many lanes.
+
+    Attributes:
+        maps: (L, R, cells, cells) as ``ObstacleMaps`` draws them.
+    """
+
+    def __init__(self, lanes: int, scenario: Scenario, geometry: MapGeometry) -> None:
+        """Make room for the robots of a scenario in every lane."""
+        self._robots = scenario.robots.count
+        count, cells = lanes * self._robots, geometry.cells
+        self._histories = ObstacleMaps(count, RobotSpec.from_scenario(scenario), geometry)
+        self.maps = np.zeros((lanes, self._robots, cells, cells), np.uint8)
+
+    def reset(self, lane: int) -> None:
+        """Forget the scans in a lane."""
+        first = lane * self._robots
+        self._histories.reset(slice(first, first + self._robots))
+
+    def update(
+        self, lanes: NDArray[np.int64], seen: NDArray[np.float32], active: NDArray[np.bool_]
+    ) -> None:
+        """Add what active robots (L, R) in lanes (M,) have seen (L, R, PROPRIOCEPTION + beams)."""
+        rows, robots = np.nonzero(active[lanes])
+        which = lanes[rows]
+        view = as_observation(seen[which, robots])
+        self.maps[which, robots] = self._histories.update(
+            view["lidar"], view["pose"], which * self._robots + robots
+        )
+
+
+def as_observation(
+    seen: NDArray[np.float32], maps: NDArray[np.uint8] | None = None
+) -> dict[str, NDArray[Any]]:
+    """Parts of what one robot sees, or many (..., PROPRIOCEPTION + beams), by name.
+
+    Args:
+        seen: their observations.
+        maps: (..., cells, cells) their obstacle maps, where they have some.
+    """
+    parts: dict[str, NDArray[Any]] = {
         "lidar": seen[..., PROPRIOCEPTION:],
         "velocity": seen[..., 0:2],
         "goal": seen[..., 2:4],
         "pose": seen[..., 4:7],
     }
+    return parts if maps is None else parts | {"map": maps}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.layout import Layout
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.worlds import Worlds
 
@@ -78,6 +79,7 @@ class Lane:
         goals: (R, 2) [m].
         pedestrians: everybody who walks.
         seen: (R, PROPRIOCEPTION + beams) what robots observe, as ``as_observation`` names it.
+        maps: (R, cells, cells) their obstacle maps, where they are asked for.
         terms: (R, 3) of the reward, as in TERMS.
         outcome: (R,) index into OUTCOMES.
     """
@@ -95,6 +97,7 @@ class Lane:
         people = worlds.state.people[lane, :count]
         self.pedestrians = Pedestrians(**{name: people[name] for name in Pedestrians._fields})
         self.seen = worlds.state.seen[lane]
+        self.maps = None if worlds.drawn is None else worlds.drawn.maps[lane]
 
     @property
     def time(self) -> float:
@@ -126,7 +129,9 @@ class Lane:
 class World(Lane):
     """One world by itself."""
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(
+        self, scenario: Scenario, seed: int, obstacle_map: MapGeometry | None = None
+    ) -> None:
         """Place everything.
 
         Raises:
@@ -134,7 +139,7 @@ class World(Lane):
                 model cannot be used.
         """
         self._scenario = scenario
-        worlds = Worlds(1, [scenario])
+        worlds = Worlds(1, [scenario], obstacle_map)
         worlds.begin(0, scenario, seed)
         super().__init__(worlds, 0)
 

@@ -18,6 +18,7 @@ from crowdbench.agent import lidar_angles
 from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
+from crowdbench.simulation.guidance import Guidance
 from crowdbench.simulation.habits import (
     AFTER_CHOICE,
     BEFORE_CHOICE,
@@ -38,11 +39,12 @@ from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
 from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.sensing import add_noise, observe, outline
+from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
@@ -93,16 +95,27 @@ class Worlds:
     Attributes:
         state: of all lanes, as compiled functions know it.
         episodes: (L,) the present ones.
+        drawn: the robots' obstacle maps, where they are asked for.
     """
 
-    def __init__(self, lanes: int, scenarios: Sequence[Scenario]) -> None:
+    def __init__(
+        self,
+        lanes: int,
+        scenarios: Sequence[Scenario],
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Make room for any of the scenarios in every lane; robots and LiDAR have to be alike."""
         self.state = allocate(lanes, scenarios)
+        self.drawn: DrawnMaps | None = None
+        if obstacle_map is not None:
+            self.drawn = DrawnMaps(lanes, scenarios[0], obstacle_map)
         self.episodes: list[Episode | None] = [None] * lanes
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
+        on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
+        self._guidance = Guidance(lanes, scenarios) if on_map else None
         self._habits = HabitLanes()
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
@@ -128,6 +141,8 @@ class Worlds:
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
         state.walls[lane, : len(layout.walls)] = layout.walls
         self._place_robots(lane, layout, prepared)
+        if self._guidance is not None:
+            self._guidance.begin(lane, prepared.places, state.robots)
         drawing = self._place_people(lane, layout, seed, scenario)
         bodies = Bodies(
             layout.robot_pose,
@@ -150,6 +165,8 @@ class Worlds:
             DriftingOdometry(scenario.robots.odometry, pose, streams.odometry(seed, r))
             for r, pose in enumerate(layout.robot_pose if prepared.drifts else ())
         ]
+        if self.drawn is not None:
+            self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
@@ -218,24 +235,29 @@ class Worlds:
         if s.robots.shape[1] > 1:
             outline(lanes, s.worlds, s.robots)
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
+        if self._guidance is not None:
+            self._guidance.observe(lanes, s.robots, s.seen)
         for lane in self._noisy.intersection(lanes.tolist()):
             episode = self.episode(lane)
             for r, noise in enumerate(episode.noise):
                 if s.robots["active"][lane, r]:
                     scan = s.seen[lane, r, PROPRIOCEPTION:]
                     add_noise(scan, episode.prepared.scenario, noise)
-
         for lane in self._drifting.intersection(lanes.tolist()):
             robots = s.robots[lane]
             for r in np.flatnonzero(robots["active"]).tolist():
                 odometry = self.episode(lane).odometry[r]
                 odometry.update(robots["pose"][r])
                 s.seen[lane, r, ODOMETRY] = odometry.wrapped()
+        if self.drawn is not None:
+            self.drawn.update(lanes, s.seen, s.robots["active"])
 
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
         s = self.state
         judge(lanes, s.worlds, s.robots, s.people, s.contacts)
+        if self._guidance is not None:
+            self._guidance.judge(lanes, s.worlds, s.robots)
 
     def remove(self, lane: int, robot: int) -> None:
         """Take a robot out of the scene."""

@@ -5,6 +5,7 @@ import pytest
 import shapely
 import torch
 from crowdbench_agents.learning import precision
+from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 
 import crowdbench
@@ -86,6 +87,26 @@ class LidarWorld:
 def world():
     """A small exact world to try LiDAR agents in."""
     return LidarWorld()
+
+
+@pytest.fixture
+def small():
+    """Configuration fields that make networks and runs small, whatever is trained."""
+    return {
+        "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "training.environments": 4,
+        "training.replay": 2000, "training.warmup": 60, "training.validation_episodes": 1,
+        "training.bfloat16": False,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def tiny(overrides):
+    """Makes a small configuration of what a folder's tests are about, with changes."""
+
+    def make(**changes):
+        return load_config().override(overrides | changes)
+
+    return make
 
 
 @pytest.fixture

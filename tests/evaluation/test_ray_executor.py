@@ -8,8 +8,9 @@ import sys
 from collections import Counter
 
 import pytest
+from short_episodes import TINY
 
-from crowdbench import AgentSpec, load_scenario
+from crowdbench import AgentSpec
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.machine import machine_name
@@ -20,14 +21,6 @@ from crowdbench.evaluation.ray_node import Node
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Task, run
 
-TINY = load_scenario(
-    "multimodal_fast",
-    name="tiny",
-    time_limit=1.2,
-    arena={"length": 6, "width": 6},
-    robots={"travel": 4},
-    pedestrians={"count": 2, "leg": 2},
-)
 PLANNER = '''
 import os, pathlib, signal, tempfile, time
 import crowdbench

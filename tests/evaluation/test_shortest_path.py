@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import GOAL, RADIUS, START, grid_search, random_scene
+from scenes import GOAL, RADIUS, START, grid_search, pillar_scene, random_scene
 
 from crowdbench.evaluation.shortest_path import shortest_path, shortest_route
 
@@ -182,6 +182,25 @@ def test_a_search_on_a_fine_grid_finds_the_same_length(seed):
     exact = length(walls, discs)
     grid = grid_search(walls, discs)
     assert exact - 1e-3 <= grid <= exact * 1.015 + 0.03
+
+
+def test_among_pillars_of_many_edges_too():
+    """On a coarser grid, whose spacing of 5 cm costs up to 6 cm."""
+    walls, discs = pillar_scene(seed=7)
+    assert len(walls) == 58
+    exact = length(walls, discs)
+    assert exact > 4.9
+    grid = grid_search(walls, discs, spacing=0.05)
+    assert exact - 1e-3 <= grid <= exact * 1.015 + 0.06
+
+
+def test_edges_of_a_polygon_are_not_doubled_where_they_meet():
+    square = np.array([[1.5, -0.5], [2.5, -0.5], [2.5, 0.5], [1.5, 0.5]])
+    edges = np.hstack([square, np.roll(square, -1, axis=0)])
+    # Around two corners, by a quarter of a turn and two tangents each.
+    tangent = math.sqrt(1.5**2 + 0.5**2 - RADIUS**2)
+    bend = math.atan2(0.5, 1.5) + math.asin(RADIUS / math.hypot(1.5, 0.5))
+    assert length(edges) == pytest.approx(2 * tangent + 2 * RADIUS * bend + 1.0)
 
 
 def test_the_random_scenes_are_in_the_way():

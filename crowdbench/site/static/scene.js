@@ -38,6 +38,8 @@
       this.episode = episode;
       this.lidar = (scenario && scenario.lidar) || null;
       this.half = extent(episode, scenario);
+      this.centre = (scenario && scenario.centre) || [0, 0];
+      this.solids = (scenario && scenario.solids) || [];
       canvas.style.aspectRatio = `${this.half[0]} / ${this.half[1]}`;
       this.frame = null; // as drawn last
     }
@@ -45,7 +47,8 @@
     // Canvas pixels of a place [m].
     project(x, y) {
       const { width, height } = this.canvas;
-      return [width / 2 + x * this.scale, height / 2 - y * this.scale];
+      const [cx, cy] = this.centre;
+      return [width / 2 + (x - cx) * this.scale, height / 2 - (y - cy) * this.scale];
     }
 
     draw(time, shown) {
@@ -68,6 +71,7 @@
       if (shown.trails) this.trails(frame);
       this.scan = shown.lidar && this.lidar ? crowdbench.scan(episode, frame, this.lidar) : null;
       if (this.scan) this.fan(frame);
+      for (const corners of this.solids) this.polygon(corners, this.theme.solid);
       for (const [x, y, radius] of episode.obstacles) this.disc(x, y, radius, this.theme.solid);
       for (const [x1, y1, x2, y2] of episode.walls) this.line([[x1, y1], [x2, y2]], 0.08, this.theme.solid);
       this.robotGoal();
@@ -83,11 +87,13 @@
       const { context, canvas, theme } = this;
       context.fillStyle = theme.floor;
       context.fillRect(0, 0, canvas.width, canvas.height);
-      for (let x = -Math.floor(this.half[0]); x <= this.half[0]; x++) {
-        this.line([[x, -this.half[1]], [x, this.half[1]]], 1 / this.scale, theme.grid);
+      const [left, low] = this.centre.map((at, i) => at - this.half[i]);
+      const [right, high] = this.centre.map((at, i) => at + this.half[i]);
+      for (let x = Math.ceil(left); x <= right; x++) {
+        this.line([[x, low], [x, high]], 1 / this.scale, theme.grid);
       }
-      for (let y = -Math.floor(this.half[1]); y <= this.half[1]; y++) {
-        this.line([[-this.half[0], y], [this.half[0], y]], 1 / this.scale, theme.grid);
+      for (let y = Math.ceil(low); y <= high; y++) {
+        this.line([[left, y], [right, y]], 1 / this.scale, theme.grid);
       }
     }
 
@@ -132,7 +138,7 @@
     }
 
     ends(frame) {
-      const [x, y, heading] = frame.robot;
+      const [x, y, heading] = crowdbench.sensor(frame.robot, this.lidar);
       return crowdbench.beams(this.lidar).map((angle, i) => [
         x + this.scan[i] * Math.cos(heading + angle), y + this.scan[i] * Math.sin(heading + angle)]);
     }
@@ -140,7 +146,7 @@
     fan(frame) {
       const ends = this.ends(frame);
       this.context.globalAlpha = 0.14;
-      this.polygon(this.lidar.degrees >= 360 ? ends : [frame.robot, ...ends], GREEN);
+      this.polygon(this.lidar.degrees >= 360 ? ends : [crowdbench.sensor(frame.robot, this.lidar), ...ends], GREEN);
       this.context.globalAlpha = 1;
     }
 
