@@ -128,7 +128,9 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     places = list(_walk(item["loc"], model))
-    words = [part for part in item["loc"] if isinstance(part, str)]
+    # Numbers tell the sections of a list apart; the last one is a place in a pair.
+    *sections, last = item["loc"] or ("",)
+    words = [str(part) for part in sections] + [last] * isinstance(last, str)
     if item["type"] != "extra_forbidden":  # a union's branches have names in brackets
         words = [word for word in words if not word.startswith("<")]
     field = ".".join(words)
@@ -152,6 +154,11 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
         limits = _limits(_unwrapped(annotation, metadata)[1])
         limits = allowed(annotation, metadata) if union else limits
         return f"{field}: {value} is out of range; allowed: {limits}"
+    if item["type"] == "missing" and isinstance(item["loc"][-1], str):
+        return f"{field}: missing; expected {allowed(annotation, metadata)}"
+    if item["type"] == "too_long" and any(hasattr(limit, "max_length") for limit in metadata):
+        longest, length = item["ctx"]["max_length"], item["ctx"]["actual_length"]
+        return f"{field}: {length} are too many; allowed: {longest} at most"
     if isinstance(item["loc"][-1] if item["loc"] else None, int):
         annotation, metadata = places[-2]
     return f"{field or model.__name__}: expected {allowed(annotation, metadata)} (got {value})"

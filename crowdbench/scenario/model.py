@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from crowdbench.messages import Form, explain, quoted
-from crowdbench.scenario import crowd, maps, recorded, room
+from crowdbench.scenario import crowd, maps, recorded, room, streams
 from crowdbench.scenario.changes import assign, flatten
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
@@ -101,7 +101,8 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _everybody_fits(self) -> Scenario:
-        if problem := maps.misplaced(self) or room.misfit(self) or crowd.misfit(self):
+        checks = maps.misplaced, streams.misrouted, room.misfit, crowd.misfit
+        if problem := next(filter(None, (check(self) for check in checks)), ""):
             raise ValueError(problem)
         return self
 

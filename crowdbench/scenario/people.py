@@ -23,6 +23,7 @@ from crowdbench.scenario.fields import (
 )
 from crowdbench.scenario.habits import Attention, Groups, Queue, Stops
 from crowdbench.scenario.recorded import MOST, Recording
+from crowdbench.scenario.streams import MOST_STREAMS, Streams
 
 Radius = Annotated[Positive, Field(le=2)]
 
@@ -86,6 +87,12 @@ class Pedestrians(Section):
         "0.2",
         description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
         "do not depend on what was in the way",
+    )
+    streams: Streams = later(
+        (),
+        "0.2",
+        max_length=MOST_STREAMS,
+        description="people who walk from region to region; the others walk anywhere",
     )
     stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
     standing: Share = later(

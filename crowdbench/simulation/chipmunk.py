@@ -29,6 +29,7 @@ of the other."""
 _CALLED = (
     "cpSpaceStep",
     "cpSpaceSetCollisionBias",
+    "cpBodySetPosition",
     "cpBodySetVelocity",
     "cpBodySetAngularVelocity",
     "cpBodyGetPosition",
@@ -41,6 +42,7 @@ _CALLED = (
 (
     STEP,
     SET_BIAS,
+    SET_POSITION,
     SET_VELOCITY,
     SET_TURN_RATE,
     GET_POSITION,

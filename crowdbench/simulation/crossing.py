@@ -82,6 +82,7 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
             walls,
             np.where(there, tracks.at(0), away(count)),
             reactive,
+            np.zeros(count, dtype=np.int64),
             draw_traits(scenario.pedestrians, seed),
             tracks,
         )

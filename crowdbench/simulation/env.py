@@ -55,7 +55,7 @@ pedestrian. R robots, P pedestrians.
 key              shape        meaning
 ===============  ===========  ==============================================================
 ``velocity``     (2,)         its own velocity [m/s]
-``goal``         (2,)         offset to its current goal [m]
+``goal``         (2,)         offset to its current goal, or the next point of its way there [m]
 ``robots``       (R, 4)       offset [m] and relative velocity [m/s] of each robot; zeros for
                               one that has left the scene
 ``pedestrians``  (P - 1, 4)   the same of every other pedestrian
@@ -84,7 +84,7 @@ defaults are given here.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
   come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.
 
-Pedestrians: metres gained towards their current goal.
+Pedestrians: metres gained towards their current goal, or the next point of their way there.
 
 Episode end
 -----------
@@ -395,8 +395,9 @@ class CrowdEnv(ParallelEnv):
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
         seen |= observations.observe_pedestrians(world, self._walkers)
+        targets = world.ways[:, 0] if self._walkers else world.pedestrians.goal
         for name, p in self._walkers.items():
-            goal, after = world.pedestrians.goal[p], world.pedestrians.position[p]
+            goal, after = targets[p], world.pedestrians.position[p]
             # To its present goal: a new one, further away, is no loss.
             rewards[name] = math.dist(goal, before[p]) - math.dist(goal, after)
             terminations[name], truncations[name], infos[name] = False, over, {}

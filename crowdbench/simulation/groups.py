@@ -31,13 +31,14 @@ RELAXATION = 0.5
 """In which somebody wants to be in the own place [s], as the time in which people regain their
 preferred velocity (Moussaid et al. 2009)."""
 LOST = 3.0
-"""Whoever is farther from the first of the group than this walks by itself [m]."""
+"""Who is farther from the first of the group than this, or behind a wall, walks by itself [m]."""
 _MOST = 8
 
 
 def begin_groups(people: NDArray[np.void], group: NDArray[np.int64]) -> None:
     """Have the people of groups (P,), -1 for none, set out together; their legs have begun."""
     people["group"], people["leader"] = group, -1
+    people["arrived"] = people["entered"] = False
     for g in range(int(group.max(initial=-1)) + 1):
         members = np.flatnonzero(group == g)
         leader = people[members[0]]
@@ -97,20 +98,27 @@ def _lead(members, world, obstacles, walls):  # type: ignore[no-untyped-def]
         leader.along[0] = leader.preferred[0] / wanted
         leader.along[1] = leader.preferred[1] / wanted
     ux, uy = leader.along[0], leader.along[1]
-    pace, widest, near, lost = wanted, 0.0, 0, 0
-    cx, cy = 0.0, 0.0
+    pace, widest, near, waits = wanted, 0.0, 0, False
+    leader.arrived = False
+    cx, cy, lost = 0.0, 0.0, np.zeros(_MOST, np.bool_)
     for k in range(size):
         member = members[k]
         pace, widest = min(pace, member.speed), max(widest, member.radius)
         x, y = member.position[0], member.position[1]
         if math.hypot(leader.goal[0] - x, leader.goal[1] - y) < ARRIVAL:
-            leader.deadline = min(leader.deadline, world.time)  # all of them have arrived
-        if math.hypot(x - leader.position[0], y - leader.position[1]) < LOST:
+            leader.arrived = True
+        dx, dy = x - leader.position[0], y - leader.position[1]
+        lost[k] = math.hypot(dx, dy) > LOST
+        for s in range(len(walls)):
+            lost[k] = lost[k] or crosses(leader.position, dx, dy, walls[s])
+        if not lost[k]:
             cx, cy, near = cx + x, cy + y, near + 1
-        else:
-            lost += 1
+        elif dx * ux + dy * uy < 0.0:
+            waits = True
+        else:  # ahead of the others, and behind a corner
+            member.preferred[0], member.preferred[1] = 0.0, 0.0
     cx, cy = cx / near, cy / near
-    if lost > 0:
+    if waits:
         pace = 0.0
     spacing = max(ABREAST, 2.0 * widest + MARGIN)
     left, right = _room(cx, cy, ux, uy, (size - 1) * spacing + widest + MARGIN, obstacles, walls)
@@ -120,7 +128,17 @@ def _lead(members, world, obstacles, walls):  # type: ignore[no-untyped-def]
     shift = min(max(0.0, half - right), left - half)
     if left + right < 2.0 * half:
         shift = 0.5 * (left - right)
-    _form(members, cx, cy, ux, uy, pace, abreast, near, spacing, shift)
+    _form(members, lost, cx, cy, ux, uy, pace, abreast, near, spacing, shift)
+
+
+@compiled()
+def crosses(place, dx, dy, wall):  # type: ignore[no-untyped-def]
+    """Whether a wall lies between a place and another one at (dx, dy) from it."""
+    ax, ay, bx, by = wall[0] - place[0], wall[1] - place[1], wall[2] - place[0], wall[3] - place[1]
+    ex, ey = bx - ax, by - ay
+    sides = (ey * ax - ex * ay) * (ex * (dy - ay) - ey * (dx - ax))
+    ends = (dx * ay - dy * ax) * (dx * by - dy * bx)
+    return sides <= 0.0 and ends <= 0.0
 
 
 @compiled()
@@ -157,7 +175,7 @@ def _narrowed(left, right, low, high):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def _form(members, cx, cy, ux, uy, pace, abreast, near, spacing, shift):  # type: ignore[no-untyped-def]
+def _form(members, lost, cx, cy, ux, uy, pace, abreast, near, spacing, shift):  # type: ignore[no-untyped-def]
     """Lead everybody to a place: the foremost into the first row, from right to left as they go."""
     size = len(members)
     order, along, aside = np.empty(_MOST, np.int64), np.empty(_MOST), np.empty(_MOST)
@@ -165,13 +183,9 @@ def _form(members, cx, cy, ux, uy, pace, abreast, near, spacing, shift):  # type
     for k in range(size):
         x, y = members[k].position[0] - cx, members[k].position[1] - cy
         along[k], aside[k] = x * ux + y * uy, y * ux - x * uy
-        x = members[k].position[0] - members[0].position[0]
-        y = members[k].position[1] - members[0].position[1]
-        if math.hypot(x, y) < LOST:
+        if not lost[k]:
             order[count] = k
             count += 1
-        elif along[k] > 0.0:  # lost ahead of the others; those behind go on
-            members[k].preferred[0], members[k].preferred[1] = 0.0, 0.0
     _sort(order, 0, count, -along)
     rows = (near + abreast - 1) // abreast
     for row in range(rows):

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Pedestrians
+from crowdbench.simulation.chipmunk import FUNCTIONS
 from crowdbench.simulation.draws import ATTENTION, STOPS, between
+from crowdbench.simulation.group_entry import bring_along
 from crowdbench.simulation.groups import begin_groups, keep_together
 from crowdbench.simulation.lanes import State
 from crowdbench.simulation.layout import Layout
@@ -149,6 +151,12 @@ BEFORE_LEGS: Sequence[Habit] = (
 """Those that come before legs are chosen."""
 BEFORE_CHOICE: Sequence[Habit] = (
     Habit(lambda people: people.stops.share > 0, lambda lanes, s: stop(lanes, s.worlds, s.people)),
+    Habit(
+        lambda people: people.groups.share > 0 and len(people.streams) > 0,
+        lambda lanes, s: bring_along(
+            lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, FUNCTIONS
+        ),
+    ),
     Habit(
         lambda people: people.groups.share > 0,
         lambda lanes, s: keep_together(lanes, s.worlds, s.people, s.obstacles, s.walls),

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
 from crowdbench.scenario.room import robot_radius
+from crowdbench.scenario.streams import MOST_VIA
 from crowdbench.simulation.chipmunk import CONTACT
 from crowdbench.simulation.kinematics import Drive
+from crowdbench.simulation.routes import has_routes
 from crowdbench.simulation.substeps import half_extent
 from crowdbench.simulation.walls import walls_of
 
@@ -26,6 +28,10 @@ DRAWS = 4 * CANDIDATES + 3
 """Numbers that a leg takes from its pedestrian's stream."""
 LEGS_AHEAD = 4
 """Legs whose draws are held ready."""
+ENTRIES = 8
+"""Places that are drawn for a person in a stream to enter at."""
+POINTS = 8
+"""Points of a way that are held ready."""
 
 OUTCOMES = ("running", "success", "collision", "timeout")
 RUNNING, SUCCESS, COLLISION, TIMEOUT = range(len(OUTCOMES))
@@ -64,6 +70,8 @@ WORLD = np.dtype(
         ("switch_probability", _REAL),  # 0 where goals are unimodal
         ("leg", _REAL),
         ("from_goal", _FLAG),  # legs start from the last goal
+        ("centre", _REAL, 2),  # of the area
+        ("entry_gap", _REAL),  # from a robot's centre to those who enter a stream
         ("attentive_for", _REAL, 2),  # how long those who look away at times look around
         ("away_for", _REAL, 2),
         ("stop_share", _REAL),  # of the legs
@@ -137,6 +145,8 @@ PERSON = np.dtype(
         ("stops", _WHOLE),  # legs so far, stops or none
         ("group", _WHOLE),  # -1 for none
         ("leader", _WHOLE),  # of the group, its first; -1 for none
+        ("arrived", _FLAG),  # somebody of the group that this person leads
+        ("entered", _FLAG),  # in a stream anew, and not all of its group yet
         ("along", _REAL, 2),  # unit vector along which the group of a leader walks
         ("queue", _WHOLE),  # that the person belongs to, -1 for none
         ("place", _WHOLE),  # in it, from 0, -1 while the person is somewhere else
@@ -146,6 +156,25 @@ PERSON = np.dtype(
     ],
     align=True,
 )
+
+WALK = np.dtype(
+    [
+        ("stream", _WHOLE),  # -1 without one
+        ("stage", _WHOLE),  # regions on the way that lie behind
+        ("last", _WHOLE),  # regions on the way
+        ("waiting", _WHOLE),  # how often entering has been tried in vain
+        ("intent", _WHOLE),  # of the leg, see PERSON
+        ("when", _REAL),  # share of the leg after which it is interrupted
+        ("stops", _REAL, (MOST_VIA + 1, 2)),  # places in the regions on the way, then the goal
+        ("entries", _REAL, (ENTRIES, 2)),  # places where the leg may begin
+        ("points", _REAL, (POINTS, 2)),  # of the way, from the person on
+        ("count", _WHOLE),  # how many of them there are
+        ("at", _WHOLE),  # the one that the person heads for
+        ("whole", _FLAG),  # they lead to the end of the way
+    ],
+    align=True,
+)
+"""What people with routes have beside PERSON (``crowdbench.simulation.following``)."""
 
 
 QUEUE = np.dtype(
@@ -167,6 +196,7 @@ class State(NamedTuple):
         worlds: (L,) records WORLD.
         robots: (L, R) records ROBOT.
         people: (L, P) records PERSON.
+        walks: (L, P) records WALK; (L, 0) where nobody has routes.
         queues: (L, Q) records QUEUE.
         obstacles: (L, K, 3) x, y, radius [m].
         walls: (L, S, 4) x1, y1, x2, y2 [m].
@@ -180,6 +210,7 @@ class State(NamedTuple):
     worlds: NDArray[np.void]
     robots: NDArray[np.void]
     people: NDArray[np.void]
+    walks: NDArray[np.void]
     queues: NDArray[np.void]
     obstacles: NDArray[np.float64]
     walls: NDArray[np.float64]
@@ -203,6 +234,7 @@ def allocate(lanes: int, scenarios: Sequence[Scenario]) -> State:
         worlds=make(WORLD),
         robots=make(ROBOT, robots),
         people=make(PERSON, people),
+        walks=make(WALK, people if any(map(has_routes, scenarios)) else 0),
         queues=make(QUEUE, max(len(scenario.pedestrians.queues) for scenario in scenarios)),
         obstacles=make(_REAL, obstacles, 3),
         walls=make(_REAL, max(len(walls_of(scenario)) for scenario in scenarios), 4),
@@ -241,6 +273,8 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
         "from_goal": people.leg_from == "goal",
+        "centre": np.array(arena.centre),
+        "entry_gap": robot_radius(robots) + people.spawn_clearance,
         "attentive_for": np.array(people.attention.every),
         "away_for": np.array(people.attention.away_for),
         "stop_share": people.stops.share,

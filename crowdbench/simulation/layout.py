@@ -15,7 +15,15 @@ from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.group_layout import place_together
-from crowdbench.simulation.map_layout import WALL_CLEARANCE, NoPlaceError, Places, places_of
+from crowdbench.simulation.map_layout import (
+    WALL_CLEARANCE,
+    CrowdedError,
+    NoPlaceError,
+    Places,
+    places_of,
+)
+from crowdbench.simulation.routes import Routes
+from crowdbench.simulation.spreading import spread
 from crowdbench.simulation.traits import Traits, draw_traits, places_in_line
 from crowdbench.simulation.walls import walls_of
 
@@ -44,6 +52,7 @@ class Layout:
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
+        pedestrian_stage: (P,) regions on the way of its stream that each has passed.
         traits: what the pedestrians are like.
         tracks: by which they walk where they do so as recorded.
     """
@@ -54,17 +63,21 @@ class Layout:
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
+    pedestrian_stage: NDArray[np.int64]
     traits: Traits
     tracks: Tracks | None = None
 
 
-def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout:
+def place(
+    scenario: Scenario, seed: int, places: Places | None = None, routes: Routes | None = None
+) -> Layout:
     """Draw a layout.
 
     Args:
         scenario: whose.
         seed: of the episode.
         places: of the scenario, where they are known already.
+        routes: of the scenario's people, where they have any.
 
     Raises:
         NoRoomError: there is no room; the message says what was placed and what was not.
@@ -80,10 +93,10 @@ def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout
     for effort in (_CENTRED, _ANYWHERE, _DENSE):
         for _ in range(_LAYOUTS):
             try:
-                return _attempt(scenario, places, traits, rng, effort)
+                return _attempt(scenario, places, routes, traits, rng, effort)
             except NoPlaceError as error:
                 problems.append(error)
-        if all(isinstance(problem, _CrowdedError) for problem in problems):
+        if all(isinstance(problem, CrowdedError) for problem in problems):
             break  # other places for the robots leave people no more room
     arena = scenario.arena
     raise NoRoomError(
@@ -94,13 +107,10 @@ def place(scenario: Scenario, seed: int, places: Places | None = None) -> Layout
     )
 
 
-class _CrowdedError(NoPlaceError):
-    """Of a pedestrian, once robots and obstacles had theirs."""
-
-
 def _attempt(
     scenario: Scenario,
     places: Places | None,
+    routes: Routes | None,
     traits: Traits,
     rng: np.random.Generator,
     effort: int,
@@ -125,7 +135,12 @@ def _attempt(
         taken = np.vstack([taken, np.column_stack([goal, np.full(len(goal), free)])])
     taken = np.vstack([taken, np.column_stack([lines, traits.radius[: len(lines)]])])
     fixed = len(taken)
-    taken = np.vstack([taken, np.repeat(traits.radius[len(lines) :, None], 3, axis=1)])
+    order = np.arange(len(lines), people.count)
+    stage = np.zeros(people.count, dtype=np.int64)
+    grouped = bool((traits.group >= 0).any())
+    if routes is not None and not grouped:  # those in streams first
+        order = order[np.argsort(routes.member[order] < 0, kind="stable")]
+    taken = np.vstack([taken, np.repeat(traits.radius[order, None], 3, axis=1)])
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
 
     def place_anywhere(discs: NDArray[np.float64], first: int) -> int:
@@ -133,20 +148,28 @@ def _attempt(
             return _place_discs(rng, half, discs, first)
         return places.place_people(rng, discs, first)
 
-    if (traits.group >= 0).any():
+    def place_one(discs: NDArray[np.float64], first: int) -> int:
+        who = order[first - fixed : first - fixed + 1]
+        if routes is None or routes.member[who[0]] < 0:
+            return place_anywhere(discs, first)
+        return spread(rng, routes, who, discs, first, stage)
+
+    if grouped:
         is_free = places.are_beside if places else partial(_are_within, half)
-        group = traits.group[len(lines) :]
-        placed = place_together(rng, group, taken, fixed, place_anywhere, is_free)
+        placed = place_together(rng, traits.group[order], taken, fixed, place_one, is_free)
+        stage = stage[traits.first]
     else:
-        placed = place_anywhere(taken, fixed)
+        placed = 0 if routes is None else spread(rng, routes, order, taken, fixed, stage)
+        placed += place_anywhere(taken, fixed + placed)
     placed += len(lines)
     if placed < people.count:
-        raise _CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
-    position = taken[fixed - len(lines) :, :2].copy()
+        raise CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
+    position = np.empty((people.count, 2))
+    position[: len(lines)], position[order] = lines, taken[fixed:, :2]
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
-    return Layout(pose, goal, obstacles, walls, position, reactive, traits)
+    return Layout(pose, goal, obstacles, walls, position, reactive, stage, traits)
 
 
 def _are_within(

@@ -26,6 +26,10 @@ class NoPlaceError(Exception):
     """A robot, an obstacle or a pedestrian found no place this time."""
 
 
+class CrowdedError(NoPlaceError):
+    """Of a pedestrian, once robots and obstacles had theirs."""
+
+
 @dataclass(frozen=True)
 class Places:
     """What all episodes of such a scenario share.

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
+from crowdbench.scenario.streams import MOST_STREAMS
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
+from crowdbench.simulation.lanes import POINTS
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.walls import walls_of
@@ -95,6 +97,8 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_intent": spaces.Box(0, len(INTENTS) - 1, (p,), np.int64),
             "pedestrian_switch_time": real(p),
             "pedestrian_next_goal": real(p, 2),
+            "pedestrian_way": real(p, POINTS, 2),
+            "pedestrian_stream": spaces.Box(-1, MOST_STREAMS - 1, (p,), np.int64),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
             "pedestrian_attentive": spaces.Box(0, 1, (p,), np.bool_),
             "pedestrian_attention_time": real(p),
@@ -134,6 +138,8 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_intent": people.intent.copy(),
         "pedestrian_switch_time": people.switch_time.copy(),
         "pedestrian_next_goal": people.next_goal.copy(),
+        "pedestrian_way": world.ways,
+        "pedestrian_stream": world.stream,
         "pedestrian_reactive": people.reactive.copy(),
         "pedestrian_attentive": people.attentive.copy(),
         "pedestrian_attention_time": people.attention_time.copy(),
@@ -172,14 +178,14 @@ def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, d
     """
     if not walkers:
         return {}
-    people = world.pedestrians
+    people, ways = world.pedestrians, world.ways
     robots, present = np.hstack([world.pose[:, :2], world.world_velocity]), world.active[:, None]
     crowd = np.hstack([people.position, people.velocity])
     seen = {}
     for name, p in walkers.items():
         seen[name] = {
             "velocity": people.velocity[p].astype(np.float32),
-            "goal": (people.goal[p] - people.position[p]).astype(np.float32),
+            "goal": (ways[p, 0] - people.position[p]).astype(np.float32),
             "robots": np.where(present, robots - crowd[p], 0.0).astype(np.float32),
             "pedestrians": (np.delete(crowd, p, axis=0) - crowd[p]).astype(np.float32),
         }

@@ -26,7 +26,7 @@ ARRIVAL = 0.3
 """A pedestrian this near to its goal has arrived [m]."""
 PATIENCE = 3.0
 """A leg that takes this many times as long as a free walk is given up."""
-_SLOWEST = 0.05
+SLOWEST = 0.05
 """Slower pedestrians count as this fast, or do not turn their heads [m/s]."""
 
 
@@ -73,7 +73,9 @@ def decide(
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
             if world.time >= person.switch_time:
                 _aim(person, person.next_goal[0], person.next_goal[1], world.time)
-            elif person.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+            elif person.walks_on and (
+                person.arrived or math.hypot(x, y) < ARRIVAL or world.time >= person.deadline
+            ):
                 _begin_leg(person, world, obstacles[lane], draws[lane, p])
                 exhausted = exhausted or person.drawn == LEGS_AHEAD
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
@@ -121,7 +123,7 @@ def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
 def _free_walk(person):  # type: ignore[no-untyped-def]
     """Seconds that the leg takes when nobody is in the way."""
     x, y = person.goal[0] - person.start[0], person.goal[1] - person.start[1]
-    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, _SLOWEST)
+    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, SLOWEST)
 
 
 @compiled()
@@ -158,7 +160,7 @@ def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
     """Turn the heads of a lane's people who walk, and note who sees which robot."""
     for p in range(world.people):
         person = people[p]
-        if math.hypot(person.velocity[0], person.velocity[1]) > _SLOWEST:
+        if math.hypot(person.velocity[0], person.velocity[1]) > SLOWEST:
             person.heading = math.atan2(person.velocity[1], person.velocity[0])
         for r in range(len(robots)):
             sees[p, r] = False

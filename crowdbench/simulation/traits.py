@@ -43,6 +43,15 @@ class Traits(NamedTuple):
     attention: NDArray[np.float64]
     key: NDArray[np.uint64]
 
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """(P,) number of the first one of each person's group; the own one without a group."""
+        first = np.arange(len(self.group))
+        for g in range(int(self.group.max(initial=-1)) + 1):
+            members = np.flatnonzero(self.group == g)
+            first[members] = members[0]
+        return first
+
 
 def draw_traits(people: Pedestrians, seed: int) -> Traits:
     """Draw everybody's traits, radii uniform within ``radius``."""

@@ -40,19 +40,29 @@ class Ways:
         reach: (M,) distance to keep from each core [m].
     """
 
-    def __init__(self, walls: Array, obstacles: Array, clearance: float) -> None:
+    def __init__(
+        self,
+        walls: Array,
+        obstacles: Array,
+        clearance: float,
+        bounds: tuple[float, float, float, float] | None = None,
+    ) -> None:
         """Find the way points and what lies between them.
 
         Args:
             walls: (S, 4) segments x1, y1, x2, y2 [m].
             obstacles: (K, 3) x, y, radius [m].
             clearance: least distance from walls and from the edges of obstacles [m].
+            bounds: x_min, y_min, x_max, y_max that no way leaves [m].
         """
         self.cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
         self.reach = np.concatenate(
             [np.full(len(walls), float(clearance)), obstacles[:, 2] + clearance]
         )
         self.nodes = _way_points(self.cores, self.reach)
+        if bounds is not None:
+            low, high = np.array(bounds[:2]), np.array(bounds[2:])
+            self.nodes = self.nodes[((self.nodes >= low) & (self.nodes <= high)).all(axis=1)]
         self.between = np.empty((len(self.nodes), len(self.nodes)))
         _connect(self.nodes, self.cores, self.reach, self.between)
 

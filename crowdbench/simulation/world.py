@@ -119,6 +119,18 @@ class Lane:
         return {"recorded_ahead": ahead, "recorded_held": held}
 
     @property
+    def ways(self) -> NDArray[np.float64]:
+        """(P, POINTS, 2) next points of people's ways, the last one repeated; else goals [m]."""
+        return self.worlds.ways(self._lane)
+
+    @property
+    def stream(self) -> NDArray[np.int64]:
+        """(P,) the stream that each pedestrian walks in; -1: none."""
+        routes = self.worlds.episode(self._lane).prepared.routes
+        nowhere = np.full(len(self.pedestrians.speed), -1, dtype=np.int64)
+        return nowhere if routes is None else routes.member[self.layout.traits.first]
+
+    @property
     def contacts(self) -> dict[int, Contact]:
         """What each robot has touched first, by robot."""
         touched = self.worlds.episode(self._lane).bodies.touched

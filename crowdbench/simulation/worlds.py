@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from crowdbench.agent import lidar_angles
 from crowdbench.scenario import Odometry, Scenario
-from crowdbench.simulation import kinematics, streams, walking
+from crowdbench.simulation import kinematics, legs, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
 from crowdbench.simulation.guidance import Guidance
 from crowdbench.simulation.habits import (
@@ -41,9 +41,10 @@ from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
-from crowdbench.simulation.pedestrians import KEEP, begin_legs, decide, look
+from crowdbench.simulation.pedestrians import KEEP, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
+from crowdbench.simulation.routes import Routes, has_routes, routes_of
 from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.traits import preferred_speeds
@@ -62,6 +63,7 @@ class Prepared(NamedTuple):
     noisy: bool
     drifts: bool
     places: Places | None
+    routes: Routes | None
 
 
 @dataclass
@@ -135,7 +137,7 @@ class Worlds:
         """
         prepared = self._prepare(scenario)
         model = make_walking_model(scenario)
-        layout = place(scenario, seed, prepared.places)
+        layout = place(scenario, seed, prepared.places, prepared.routes)
         state = self.state
         state.worlds[lane] = prepared.world
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
@@ -143,7 +145,7 @@ class Worlds:
         self._place_robots(lane, layout, prepared)
         if self._guidance is not None:
             self._guidance.begin(lane, prepared.places, state.robots)
-        drawing = self._place_people(lane, layout, seed, scenario)
+        drawing = self._place_people(lane, layout, seed, prepared)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
@@ -185,6 +187,11 @@ class Worlds:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
             model.reset(self._crowd(lane), streams.walking(seed))
 
+    def ways(self, lane: int) -> NDArray[np.float64]:
+        """(P, POINTS, 2) next points of people's ways, the last one repeated; else goals [m]."""
+        prepared = self.episode(lane).prepared
+        return legs.ways(lane, self.state, prepared.scenario.pedestrians.count, prepared.routes)
+
     def choose(self, lanes: Lanes) -> None:
         """Let all pedestrians decide from the same snapshot how to walk.
 
@@ -193,7 +200,8 @@ class Worlds:
         """
         s = self.state
         self._habits.act(BEFORE_LEGS, lanes, s)
-        if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
+        routes = [self.episode(lane).prepared.routes for lane in lanes.tolist()]
+        if legs.choose_legs(lanes, s, routes):
             self._draw()
         self._habits.act(BEFORE_CHOICE, lanes, s)
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
@@ -276,6 +284,7 @@ class Worlds:
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 scenario.robots.odometry != Odometry(),
                 places_of(scenario),
+                routes_of(scenario) if has_routes(scenario) else None,
             )
         return self._prepared[id(scenario)]
 
@@ -291,10 +300,10 @@ class Worlds:
         self._note_travel(lane, prepared)
 
     def _place_people(
-        self, lane: int, layout: Layout, seed: int, scenario: Scenario
+        self, lane: int, layout: Layout, seed: int, prepared: Prepared
     ) -> list[np.random.Generator]:
         """Begin the first legs; returns where later ones are drawn from."""
-        s, settings = self.state, scenario.pedestrians
+        s, settings = self.state, prepared.scenario.pedestrians
         people = s.people[lane, : settings.count]
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
         draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
@@ -304,7 +313,7 @@ class Worlds:
         people["acceleration"] = settings.acceleration or np.inf
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
-        people["present"] = True
+        people["present"], people["preferred"] = True, 0.0
         people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
         people["radius"] = layout.traits.radius
@@ -312,11 +321,11 @@ class Worlds:
             self._follow(people, layout.tracks)
             begin_habits(people, s.queues[lane], layout, settings)
             return drawing
-        begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
-        ahead = people["goal"] - people["position"]
+        legs.begin(lane, s, layout.pedestrian_stage, layout.traits.first, prepared.routes)
+        ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])
-        people["velocity"] = people["speed"][:, None] * directions
+        people["velocity"] = people["preferred"] = people["speed"][:, None] * directions
         begin_habits(people, s.queues[lane], layout, settings)
         return drawing
 
@@ -378,8 +387,9 @@ class Worlds:
             position=people["position"].copy(),
             velocity=people["velocity"].copy(),
             heading=people["heading"].copy(),
-            goal=people["goal"].copy(),
+            goal=np.ascontiguousarray(self.ways(lane)[:, 0]),
             preferred_speed=people["speed"].copy(),
+            preferred_velocity=people["preferred"].copy(),
             radius=people["radius"].copy(),
             present=people["present"].copy(),
             sees_robot=self.state.sees[lane, :count].copy(),

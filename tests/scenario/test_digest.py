@@ -84,6 +84,7 @@ LATER_FIELDS: dict[str, object] = {
     "robots.odometry.translation_by_rotation": 0.0,
     "lidar.mount": (0.0, 0.0, 0.0),
     "pedestrians.leg_from": "position",
+    "pedestrians.streams": (),
 }
 """Those declared with ``later`` and their defaults, which never change."""
 

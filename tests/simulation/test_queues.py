@@ -130,10 +130,10 @@ def test_lanes_have_the_queues_of_the_single_environment_to_the_last_bit():
         ({"head": [-1, -2], "count": 1}, r"place 1 of queue 2.* is taken by another queue"),
         ({"spacing": 0.3}, r"queues: spacing 0\.3 m of queue 1 is too little .* allowed: >= 0\.5"),
         ({"count": 11}, r"queues: take 16 people, .* allowed: 12 \(pedestrians\.count\)"),
-        ({"count": 0}, r"queues\.count: 0 is out of range"),
-        ({"head": [1, 2, 3]}, r"queues\.head: expected two numbers, x and y"),
-        ({"facing": 3}, r"unknown key 'pedestrians\.queues\.facing'"),
-        ({"service": [4, 1]}, r"queues\.service: the lower bound 4.* exceeds the upper 1"),
+        ({"count": 0}, r"queues\.0\.count: 0 is out of range"),
+        ({"head": [1, 2, 3]}, r"queues\.0\.head: expected two numbers, x and y"),
+        ({"facing": 3}, r"unknown key 'pedestrians\.queues\.0\.facing'"),
+        ({"service": [4, 1]}, r"queues\.0\.service: the lower bound 4.* exceeds the upper 1"),
     ],
 )  # fmt: skip
 def test_a_queue_that_cannot_be_is_refused_with_the_place(changes, told):

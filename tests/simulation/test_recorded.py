@@ -99,7 +99,8 @@ def follower(position, robot, sees=True):
     def crowd(places, velocity, present=None):
         return Crowd(
             position=places, velocity=velocity, heading=np.zeros(count), goal=position[-1],
-            preferred_speed=np.ones(count), radius=np.full(count, 0.25),
+            preferred_speed=np.ones(count), preferred_velocity=velocity,
+            radius=np.full(count, 0.25),
             present=np.ones(count, bool) if present is None else present,
             sees_robot=np.full((count, 1), sees), robot_position=np.array([robot], float),
             robot_velocity=np.zeros((1, 2)), robot_radius=0.25, responsibility=1.0,

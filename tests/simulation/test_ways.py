@@ -76,6 +76,13 @@ def test_where_there_is_no_way_the_path_is_empty():
     assert box.length(START, np.array([0.5, 0.5])) == pytest.approx(math.sqrt(0.5))
 
 
+def test_a_way_does_not_leave_the_bounds():
+    wall = np.array([[2.0, -3.0, 2.0, 1.0]])
+    closed = Ways(wall, np.empty((0, 3)), RADIUS, bounds=(-1, -5, 5, 1))
+    assert closed.length(START, GOAL) > 6.0  # around the lower end
+    assert closed.path(START, GOAL)[:, 1].min() == pytest.approx(-3 - RADIUS)
+
+
 def test_a_wall_that_ends_on_another_has_no_way_points_behind_it():
     post = [[0.0, 0.0, 0.0, 3.0], [-9.0, 0.0, 9.0, 0.0]]
     points = ways(post).nodes
