@@ -268,7 +268,7 @@ def main() -> None:
     began = time.perf_counter()
     names = arguments.scenario or SCENARIOS
     if names == ["all"]:
-        names = crowdbench.scenario_names()
+        names = crowdbench.scenario_names("paper")
     driver = arguments.driver
     rng = np.random.default_rng(0)
     drive = policy_driver(load_world_model(driver)[0], rng) if driver else wander(rng)

@@ -10,7 +10,8 @@ The names in ``__all__`` are the public interface:
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
 - ``ObstacleMap``: scans of the last steps as one image, laid out by a ``MapGeometry``;
   ``ObstacleMaps`` are those of many robots;
-- scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
+- scenarios: ``load_scenario`` reads a ``Scenario``; ``scenario_names`` and ``scenario_tiers`` list
+  them;
 - ``read_yaml``: a configuration file of an agent, read as strictly as scenarios are;
 - ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
 - extensions: a ``Drive`` gives a robot's actions their meaning, a ``WalkingModel`` says how a
@@ -34,6 +35,7 @@ from crowdbench.scenario import (
     ScenarioError,
     load_scenario,
     scenario_names,
+    scenario_tiers,
 )
 from crowdbench.strict_yaml import YamlError, read_yaml
 
@@ -101,6 +103,7 @@ __all__ = [
     "parallel_vector_env",
     "read_yaml",
     "scenario_names",
+    "scenario_tiers",
     "vector_env",
 ]
 

@@ -50,17 +50,39 @@ class CommandsUnderWay:
         """
         if not self._robot.latency:
             return observation
-        pose, velocity = drive_ahead(
-            self._robot, observation.pose, observation.velocity, self.commands
+        (pose,), (velocity,), (goal,) = foresee(
+            self._robot,
+            observation.pose[None],
+            observation.velocity[None],
+            observation.goal[None],
+            self.commands[None],
         )
-        x, y, turn = relative(observation.pose.astype(np.float64), pose)
-        goal = into_frame(observation.goal.astype(np.float64)[None], np.array([x, y, turn]))[0]
-        return replace(
-            observation,
-            velocity=velocity.astype(np.float32),
-            goal=goal.astype(np.float32),
-            pose=pose.astype(np.float32),
-        )
+        return replace(observation, velocity=velocity, goal=goal, pose=pose)
+
+
+def foresee(
+    robot: crowdbench.RobotSpec,
+    pose: NDArray[np.float32],
+    velocity: NDArray[np.float32],
+    goal: NDArray[np.float32],
+    commands: Array,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """What N robots of a kind will observe once the commands that are under way have acted.
+
+    Args:
+        robot: their drive and limits.
+        pose, velocity, goal: (N, 3), (N, 2), (N, 2) as observed now.
+        commands: (N, latency, 2) under way, the next to act first.
+    """
+    after, doing = drive_ahead(robot, pose, velocity, commands)
+    here = pose.astype(np.float64)
+    shifts = [relative(one, other) for one, other in zip(here, after, strict=True)]
+    offsets = [into_frame(one[None], by)[0] for one, by in zip(goal, shifts, strict=True)]
+    return (
+        after.astype(np.float32),
+        doing.astype(np.float32),
+        np.array(offsets, dtype=np.float32).reshape(goal.shape),
+    )
 
 
 def drive_ahead(

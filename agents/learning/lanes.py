@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from crowdbench_agents.geometry.under_way import foresee
 from crowdbench_agents.learning.inputs import ActionBounds, Sensed
 from numpy.typing import NDArray
 
@@ -42,6 +43,8 @@ class Lanes:
     Attributes:
         env: the vector environment.
         bounds: of the robot's actions.
+        sensed: what networks see of the latest observations, from where the robots will be when
+            their next actions begin to act.
         seen: its latest observations, which later steps do not change.
         scenario: (E,) names of the present episodes' scenarios.
     """
@@ -58,16 +61,12 @@ class Lanes:
         )
         self.bounds = ActionBounds.of(self.env.robot)
         self.scenario = np.full(count, None, dtype=object)
+        self._under_way = np.zeros((count, self.env.robot.latency, 2))
         self._episodes, self._places = episodes, {name: i for i, name in enumerate(scenarios)}
 
     def __len__(self) -> int:
         """E."""
         return self.env.num_envs
-
-    @property
-    def sensed(self) -> Sensed:
-        """What networks see of the latest observations."""
-        return Sensed(self.seen["map"], self.seen["velocity"], self.seen["goal"])
 
     def begin(self, which: NDArray[np.integer]) -> NDArray[np.integer]:
         """Begin the next episode in lanes (N,), all of them at first.
@@ -85,14 +84,27 @@ class Lanes:
             self.scenario[lane], places[lane], seeds[lane] = name, self._places[name], seed
         mask[begun] = True
         self.seen, _ = self.env.reset(seed=seeds, options={"reset_mask": mask, "scenario": places})
+        self._under_way[begun] = 0.0
+        self.sensed = self._sense()
         return begun
 
     def step(self, actions: NDArray[np.floating]) -> Outcomes:
         """Act in every lane with v [m/s], w [rad/s] (E, 2)."""
         self.seen, total, end, late, infos = self.env.step(actions)
+        told = np.clip(actions, *np.array([self.env.robot.speed, self.env.robot.turn_rate]).T)
+        self._under_way = np.concatenate([self._under_way, told[:, None]], axis=1)[:, 1:]
+        self.sensed = self._sense()
         social = infos["reward_terms"]["social"].astype(np.float32)
         reward = total.astype(np.float32) - social
         return Outcomes(reward, social, end, end | late, infos["outcome"])
+
+    def _sense(self) -> Sensed:
+        velocity, goal = self.seen["velocity"], self.seen["goal"]
+        if self.env.robot.latency:
+            velocity, goal = foresee(
+                self.env.robot, self.seen["pose"], velocity, goal, self._under_way
+            )[1:]
+        return Sensed(self.seen["map"], velocity, goal)
 
     def observation(self, lane: int) -> crowdbench.Observation:
         """What an agent sees in a lane, with the true state for a privileged one."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,43 @@ from crowdbench.evaluation import interactions
 from crowdbench.evaluation.shortest_path import Route, shortest_route
 from crowdbench.simulation.contact import Contact
 
+if TYPE_CHECKING:
+    from crowdbench.evaluation.disturbance import Disturbance
+    from crowdbench.scenario import Scenario
+
 Outcome = Literal["success", "collision", "timeout", "agent_error"]
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What fixes an episode; all its robots share one.
+
+    Attributes:
+        scenario: the world.
+        seed: episode seed.
+        commands: for each robot (T_r, 2), as in ``Episode.commands``.
+    """
+
+    scenario: Scenario
+    seed: int
+    commands: Sequence[NDArray[np.float64]]
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Source)
+            and (self.scenario, self.seed) == (other.scenario, other.seed)
+            and len(self.commands) == len(other.commands)
+            and all(map(np.array_equal, self.commands, other.commands))
+        )
+
+    @cached_property
+    def disturbance(self) -> Disturbance | None:
+        """What the robots cost the people, None where it is not defined for the scenario."""
+        from crowdbench.evaluation.disturbance import disturbance, undefined
+
+        if undefined(self.scenario):
+            return None
+        return disturbance(self.scenario, self.seed, self.commands)
 
 
 @dataclass(frozen=True)
@@ -66,6 +102,8 @@ class Episode:
             episode can be simulated again. Empty where it was not recorded.
         processor_share: processor time of the process inside ``act``, as a share of the sum of
             ``inference_s``; well below 1, the process waited for something.
+        source: what it was simulated from, by which people's ways without the robot are found;
+            None for a log that was made by hand.
     """
 
     scenario: str
@@ -104,6 +142,7 @@ class Episode:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     commands: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
     processor_share: float = 1.0
+    source: Source | None = field(default=None, repr=False)
 
     @property
     def steps(self) -> int:

@@ -7,6 +7,7 @@ the T states after each action.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,23 @@ TOGETHER = 3.0
 """Nearer than this to the centre of their group, people are together [m]."""
 SEVERE_GAP = 1.0
 """A cut-off with a shorter gap is severe [s]."""
+
+
+def disturbance(name: str, chance: bool = False) -> Callable[[Episode], float]:
+    """The metric of one number of ``crowdbench.evaluation.disturbance.Shift``.
+
+    Args:
+        name: of the number.
+        chance: of people who are pushed by a millimetre, instead of those who meet the robot.
+    """
+
+    def metric(episode: Episode) -> float:
+        found = episode.source.disturbance if episode.source else None
+        if found is None:
+            return math.nan
+        return float(getattr(found.noise_floor if chance else found.by_robot, name))
+
+    return metric
 
 
 def cutoff(episode: Episode) -> float:

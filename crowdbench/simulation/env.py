@@ -41,11 +41,13 @@ key           shape       meaning
                           nearest surface along each beam [m], ``lidar.range`` where nothing is
                           hit; a full circle starts ahead of it and goes counter-clockwise
 ``velocity``  (2,)        what the drive does, in the terms of its actions
-``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
+``goal``      (2,)        goal in the robot frame, x ahead, y left [m]; on a map, a point ahead
+                          on the shortest path to it, which a straight line reaches
 ``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero, and
                           drifts by ``robots.odometry``
 ``map``       (cells,     uint8, where ``obstacle_map`` is given: bit k of a cell says that
-              cells)      something was there in the scan k steps ago, k = 0 .. 7
+              cells)      something was there in the scan k steps ago, k = 0 .. 7; drawn from
+                          where the robot will be when its next action begins to act
 ============  ==========  ==================================================================
 
 Pedestrians: ``Dict`` of float32, in world axes; everything but ``velocity`` is relative to the
@@ -68,17 +70,18 @@ Starting state
 --------------
 Drawn from the episode seed. In the open, robots start on a circle of diameter ``robots.travel``
 with their goals opposite; in a corridor, ``robots.travel`` metres from them along it; where several
-robots leave no room there, on lines elsewhere in the arena. Both ends lie inside the arena. Robots
-stand still and face their goals to within 30 degrees. Obstacles and pedestrians lie at random
-without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and already
-walking.
+robots leave no room there, on lines elsewhere in the arena. ``robots.start`` and ``robots.goal``
+say other places, as on every map. Both ends lie inside the arena. Robots stand still and face their
+goals, or the first stretch of the path, to within 30 degrees. Obstacles and pedestrians lie at
+random without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and
+already walking.
 
 Rewards
 -------
 Robots: the sum of three terms (paper, section III.B), weights in the scenario's ``reward``; their
 defaults are given here.
 
-- ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
+- ``goal``: 20 on arrival, else 9 per metre gained towards the goal, on a map along the path.
 - ``collision``: -60 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
   d < 1.25 m from the LiDAR.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would

@@ -54,6 +54,13 @@ def cast_rays(
         x, y = cosine * x + sine * y, cosine * y - sine * x
         _circle(x, y, obstacles[k, 2], largest, beams, out)
     for s in range(len(segments)):
+        if (
+            max(segments[s, 0], segments[s, 2]) < pose[0] - largest
+            or min(segments[s, 0], segments[s, 2]) > pose[0] + largest
+            or max(segments[s, 1], segments[s, 3]) < pose[1] - largest
+            or min(segments[s, 1], segments[s, 3]) > pose[1] + largest
+        ):
+            continue
         x1, y1 = segments[s, 0] - pose[0], segments[s, 1] - pose[1]
         x2, y2 = segments[s, 2] - pose[0], segments[s, 3] - pose[1]
         x1, y1 = cosine * x1 + sine * y1, cosine * y1 - sine * x1

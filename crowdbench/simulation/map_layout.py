@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import Point
 from crowdbench.scenario.room import passage, robot_radius
@@ -101,11 +102,10 @@ class Places:
         kept = np.column_stack([keep_free, np.full(len(keep_free), clearance)])
         for k in range(settings.count):
             radius = rng.uniform(*settings.radius)
-            taken = np.vstack([kept, obstacles + np.array([0.0, 0.0, gap])])
-            place = _fit(rng, self.obstacles, taken, radius)
-            if place is None:
+            taken = np.vstack([kept, obstacles + np.array([0.0, 0.0, gap]), [0.0, 0.0, radius]])
+            if not _place_discs(rng, self.obstacles, taken, len(taken) - 1):
                 raise NoPlaceError(f"obstacle {k + 1} of {settings.count} found no place")
-            obstacles = np.vstack([obstacles, [*place, radius]])
+            obstacles = np.vstack([obstacles, taken[-1]])
         return obstacles
 
     def place_people(self, rng: np.random.Generator, discs: NDArray[np.float64], fixed: int) -> int:
@@ -114,12 +114,7 @@ class Places:
         Returns:
             How many have their place; x and y are written.
         """
-        for p in range(fixed, len(discs)):
-            place = _fit(rng, self.people, discs[:p], discs[p, 2])
-            if place is None:
-                return p - fixed
-            discs[p, :2] = place
-        return len(discs) - fixed
+        return _place_discs(rng, self.people, discs, fixed)
 
     def are_beside(
         self, place: NDArray[np.float64], others: NDArray[np.float64]
@@ -261,17 +256,48 @@ def _is_clear(place: NDArray[np.float64], discs: NDArray[np.float64]) -> bool:
     return bool((np.sqrt(dx * dx + dy * dy) > discs[:, 2]).all())
 
 
-def _fit(
-    rng: np.random.Generator, spots: Spots, taken: NDArray[np.float64], radius: float
-) -> NDArray[np.float64] | None:
-    """A centre (2,) for a disc that overlaps none of ``taken`` (N, 3), the first one drawn."""
-    if not len(spots.corner):
-        return None
-    for _ in range(_BATCHES):
-        places = spots.draw(rng, _BATCH)
-        dx = places[:, :1] - taken[:, 0]
-        dy = places[:, 1:] - taken[:, 1]
-        free = (np.sqrt(dx * dx + dy * dy) > taken[:, 2] + radius).all(axis=1)
-        if free.any():
-            return np.asarray(places[np.argmax(free)])
-    return None
+def _place_discs(
+    rng: np.random.Generator, spots: Spots, discs: NDArray[np.float64], fixed: int
+) -> int:
+    """Place all but the first ``fixed`` of ``discs`` (N, 3) in spots, without overlap.
+
+    Each takes the first free place of a batch, or of up to as many batches as are tried.
+
+    Returns:
+        How many have their place; x and y are written.
+    """
+    placed, failures, count = 0, 0, len(discs) - fixed
+    while placed < count and failures < _BATCHES and len(spots.corner):
+        draws = rng.random((min(count - placed, _BATCHES - failures), 3 * _BATCH))
+        placed, failures = _fill(draws, spots.corner, spots.side, discs, fixed, placed, failures)
+    return placed
+
+
+@compiled()
+def _fill(
+    draws: NDArray[np.float64],
+    corner: NDArray[np.float64],
+    side: float,
+    discs: NDArray[np.float64],
+    fixed: int,
+    placed: int,
+    failures: int,
+) -> tuple[int, int]:
+    """Place discs by batches of draws in [0, 1); returns ``placed`` and ``failures`` after them."""
+    for batch in range(len(draws)):
+        last = fixed + placed
+        failures += 1
+        for k in range(draws.shape[1] // 3):
+            which = int(draws[batch, 3 * k] * len(corner))
+            x = corner[which, 0] + side * draws[batch, 3 * k + 1]
+            y = corner[which, 1] + side * draws[batch, 3 * k + 2]
+            free = True
+            for i in range(last):
+                dx, dy = x - discs[i, 0], y - discs[i, 1]
+                free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
+            if free:
+                discs[last, 0], discs[last, 1] = x, y
+                placed += 1
+                failures = 0
+                break
+    return placed, failures

@@ -79,6 +79,7 @@ class ObstacleMaps:
         lidar: NDArray[np.floating],
         pose: NDArray[np.floating],
         robots: NDArray[np.integer] | None = None,
+        around: NDArray[np.floating] | None = None,
     ) -> NDArray[np.uint8]:
         """Add one scan of each robot and draw the maps.
 
@@ -86,6 +87,7 @@ class ObstacleMaps:
             lidar: (M, beams) distances [m].
             pose: (M, 3) odometry x, y [m], heading [rad].
             robots: (M,) which robots these are; None means all of them.
+            around: (M, 3) poses in whose frames the maps are drawn; None means ``pose``.
 
         Returns:
             (M, cells, cells) bit k of a cell: something was there in the scan k steps ago.
@@ -96,7 +98,9 @@ class ObstacleMaps:
         x0, y0 = self.geometry.origin
         _update_all(
             maps, which, self._points, self._hits, self._head, np.asarray(lidar, np.float32),
-            np.asarray(pose, np.float32), self._cos, self._sin, self._mount,
+            np.asarray(pose, np.float32),
+            np.asarray(pose if around is None else around, np.float32),
+            self._cos, self._sin, self._mount,
             self._range - _HIT_MARGIN, x0, y0, 1.0 / self.geometry.cell,
         )  # fmt: skip
         return maps
@@ -117,9 +121,18 @@ class ObstacleMap:
         """Forget all scans."""
         self._maps.reset(0)
 
-    def update(self, lidar: NDArray[np.floating], pose: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Add a scan (beams,) [m] taken at ``pose`` (3,) and return the (cells, cells) map."""
-        return self._maps.update(lidar[None], pose[None])[0]
+    def update(
+        self,
+        lidar: NDArray[np.floating],
+        pose: NDArray[np.floating],
+        around: NDArray[np.floating] | None = None,
+    ) -> NDArray[np.uint8]:
+        """Add a scan (beams,) [m] taken at ``pose`` (3,) and return the (cells, cells) map.
+
+        It is drawn in the frame of ``around`` (3,), by default that of ``pose``.
+        """
+        around = pose if around is None else around
+        return self._maps.update(lidar[None], pose[None], around=around[None])[0]
 
 
 @compiled(fastmath=True)
@@ -131,6 +144,7 @@ def _update_all(
     head: NDArray[np.int64],
     lidar: NDArray[np.float32],
     pose: NDArray[np.float32],
+    around: NDArray[np.float32],
     cos: NDArray[np.float64],
     sin: NDArray[np.float64],
     mount: NDArray[np.float64],
@@ -158,6 +172,8 @@ def _update_all(
                 points[robot, newest, count, 1] = y_lidar + s * dx + c * dy
                 count += 1
         hits[robot, newest] = count
+        x, y, heading = around[row, 0], around[row, 1], around[row, 2]
+        c, s = math.cos(heading), math.sin(heading)
         for age in range(_FRAMES):
             frame = (newest - age) % _FRAMES
             bit = np.uint8(1 << age)

@@ -28,6 +28,8 @@ STATIC_HORIZON = 1.0
 NEIGHBOUR_DISTANCE = 5.0
 """Centre distance beyond which people and robots are not considered [m]."""
 
+_SLACK = 1e-6
+"""By which a wall has to be out of reach at least to be left out unmeasured [m]."""
 _PARALLEL = 1e-9
 """Sine of the angle below which two lines count as parallel."""
 
@@ -212,6 +214,14 @@ def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ign
     A segment is convex, so this separates from all of it, and standing still stays permitted.
     Returns whether the wall is near enough to matter.
     """
+    far = radius + max_speed * horizon + _SLACK
+    if (
+        max(wall[0], wall[2]) < x - far
+        or min(wall[0], wall[2]) > x + far
+        or max(wall[1], wall[3]) < y - far
+        or min(wall[1], wall[3]) > y + far
+    ):
+        return False
     ex, ey = wall[2] - wall[0], wall[3] - wall[1]
     length2 = ex * ex + ey * ey
     t = ((x - wall[0]) * ex + (y - wall[1]) * ey) / length2 if length2 > 0.0 else 0.0

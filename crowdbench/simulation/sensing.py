@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
+from crowdbench.simulation.kinematics import make_drive, poses_ahead
 from crowdbench.simulation.lanes import PROPRIOCEPTION
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
 from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMaps
@@ -137,12 +138,14 @@ class DrawnMaps:
     """The obstacle maps of the robots in many lanes.
 
     Attributes:
-        maps: (L, R, cells, cells) as ``ObstacleMaps`` draws them.
+        maps: (L, R, cells, cells) as ``ObstacleMaps`` draws them, around where the robots will be
+            when their next commands begin to act.
     """
 
     def __init__(self, lanes: int, scenario: Scenario, geometry: MapGeometry) -> None:
         """Make room for the robots of a scenario in every lane."""
-        self._robots = scenario.robots.count
+        self._robots, self._scenario = scenario.robots.count, scenario
+        self._drive = make_drive(scenario)
         count, cells = lanes * self._robots, geometry.cells
         self._histories = ObstacleMaps(count, RobotSpec.from_scenario(scenario), geometry)
         self.maps = np.zeros((lanes, self._robots, cells, cells), np.uint8)
@@ -153,14 +156,25 @@ class DrawnMaps:
         self._histories.reset(slice(first, first + self._robots))
 
     def update(
-        self, lanes: NDArray[np.int64], seen: NDArray[np.float32], active: NDArray[np.bool_]
+        self,
+        lanes: NDArray[np.int64],
+        seen: NDArray[np.float32],
+        active: NDArray[np.bool_],
+        under_way: NDArray[np.float64],
     ) -> None:
         """Add what active robots (L, R) in lanes (M,) have seen (L, R, PROPRIOCEPTION + beams)."""
         rows, robots = np.nonzero(active[lanes])
         which = lanes[rows]
         view = as_observation(seen[which, robots])
+        ahead = poses_ahead(
+            self._drive,
+            self._scenario.control_period,
+            view["pose"],
+            view["velocity"],
+            under_way[which, robots],
+        )
         self.maps[which, robots] = self._histories.update(
-            view["lidar"], view["pose"], which * self._robots + robots
+            view["lidar"], view["pose"], which * self._robots + robots, ahead
         )
 
 

@@ -38,6 +38,7 @@ class Pedestrians(NamedTuple):
         place: (P,) in the queue, from 0, -1 while somewhere else.
         served_time: (P,) when the first one in line leaves, inf before it is served [s].
         stop_time, stop_end: (P,) when the stop on this leg is, inf without one [s].
+        walks_on: (P,) takes another goal on arrival; the others stand there.
         chosen: (P, 2) how they walk in this control period [m/s].
     """
 
@@ -61,6 +62,7 @@ class Pedestrians(NamedTuple):
     served_time: NDArray[np.float64]
     stop_time: NDArray[np.float64]
     stop_end: NDArray[np.float64]
+    walks_on: NDArray[np.bool_]
     chosen: NDArray[np.float64]
 
 
@@ -103,6 +105,22 @@ class Lane:
     def time(self) -> float:
         """Since the episode began [s]."""
         return float(self.worlds.state.worlds["time"][self._lane])
+
+    @property
+    def goal_area(self) -> NDArray[np.float64]:
+        """(2,) length and width of the area, centred, in which pedestrians have their goals [m]."""
+        world = self.worlds.state.worlds[self._lane]
+        return np.array([2.0 * world["half_length"], 2.0 * world["half_width"]])
+
+    @property
+    def least_leg(self) -> float:
+        """Least distance from where a leg begins to its goal [m]."""
+        return float(self.worlds.state.worlds["leg"][self._lane])
+
+    @property
+    def switch_probability(self) -> float:
+        """Chance that a leg is interrupted; 0 where goals are unimodal."""
+        return float(self.worlds.state.worlds["switch_probability"][self._lane])
 
     @property
     def layout(self) -> Layout:

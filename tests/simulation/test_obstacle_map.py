@@ -124,6 +124,16 @@ def test_beams_begin_where_the_lidar_is_mounted():
     assert cells == {(17, 15), (33, 23)}
 
 
+def test_a_map_is_drawn_around_another_place_than_the_scan_was_taken_at():
+    obstacle_map = ObstacleMap(three_beams())
+    pose, ahead = np.array([3.0, 1.0, 0.0]), np.array([3.45, 0.98, np.pi / 2])
+    bits = obstacle_map.update(np.array([1.01, 2.01, RANGE], np.float32), pose, ahead)
+    cells = {tuple(cell) for cell in np.argwhere(bits)}
+    # Facing left from there, the points are at (-0.99, 0.45) and (0.02, -1.56) metres; 8 cells per
+    # metre from the corner at (-2, -3).
+    assert cells == {(8, 27), (16, 11)}
+
+
 def test_beams_are_drawn_where_the_sensor_points():
     obstacle_map = ObstacleMap(three_beams())
     bits = obstacle_map.update(np.array([1.01, 2.01, RANGE], np.float32), np.zeros(3, np.float32))

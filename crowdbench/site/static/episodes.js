@@ -93,8 +93,11 @@
       const index = 2 * (state * episode.people + p);
       const width = 2 * episode.people;
       const [, intent, switchTime] = holding(episode.legs[p], state);
+      const before = episode.position.slice(index, index + 2);
+      const entersAnew = share && crowdbench.jumps(before, episode.position.slice(index + width));
       people.push({
-        position: [mix(episode.position, index, width), mix(episode.position, index + 1, width)],
+        position: entersAnew ? Array.from(before)
+          : [mix(episode.position, index, width), mix(episode.position, index + 1, width)],
         velocity: [mix(episode.velocity, index, width), mix(episode.velocity, index + 1, width)],
         goal: holding(episode.goals[p], state).slice(1),
         intent: episode.intents[intent],
@@ -118,6 +121,9 @@
       people,
     };
   };
+
+  // Whether somebody cannot have walked from one place to the next in a step, but entered anew.
+  crowdbench.jumps = ([x, y], [toX, toY]) => Math.hypot(toX - x, toY - y) > 1;
 
   // Recorded people come and go; those who are not there have no position.
   crowdbench.isThere = (person) => Number.isFinite(person.position[0]);

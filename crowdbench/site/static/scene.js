@@ -120,10 +120,12 @@
       const { episode, context } = this;
       const first = Math.max(0, Math.ceil((frame.time - TRAIL) / episode.period));
       frame.people.forEach((person, p) => {
-        const path = [];
+        let path = [];
         for (let state = first; state <= frame.state; state++) {
           const index = 2 * (state * episode.people + p);
-          path.push([episode.position[index], episode.position[index + 1]]);
+          const place = [episode.position[index], episode.position[index + 1]];
+          if (path.length && crowdbench.jumps(path[path.length - 1], place)) path = [];
+          path.push(place);
         }
         context.globalAlpha = 0.45;
         this.line([...path, person.position], 0.05, this.pathColourOf(person));
