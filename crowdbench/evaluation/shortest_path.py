@@ -17,8 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 Array = NDArray[np.float64]
 
@@ -142,6 +140,10 @@ def _path_among(
     end = np.concatenate([arrive, node[second[free]]])
     length = np.concatenate([_lengths(lines), arcs.radius * arcs.sweep])
     size = 2 + 2 * count
+    # Half a second to import, in every process that loads this module and mostly needs no detour.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
     distance, previous = dijkstra(
         csr_array((length, (begin, end)), shape=(size, size)), indices=0, return_predecessors=True
     )

@@ -15,6 +15,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from crowdbench.compiled import compiled
 
@@ -66,8 +68,9 @@ class Ways:
         if bounds is not None:
             low, high = np.array(bounds[:2]), np.array(bounds[2:])
             self.nodes = self.nodes[((self.nodes >= low) & (self.nodes <= high)).all(axis=1)]
-        self.between = np.empty((len(self.nodes), len(self.nodes)))
-        _connect(self.nodes, self.cores, self.reach, self.between)
+        edges = np.zeros((len(self.nodes), len(self.nodes)))
+        _connect(self.nodes, self.cores, self.reach, edges)
+        self.between = np.asarray(dijkstra(csr_array(edges)))
 
     def is_free(self, point: Array) -> bool:
         """Whether the disc fits at a point (2,) [m]."""
@@ -188,24 +191,13 @@ def _corners(
 
 
 @compiled()
-def _connect(nodes: Array, cores: Array, reach: Array, between: Array) -> None:
-    """Write the lengths of all shortest ways (Floyd 1962) into ``between`` (N, N)."""
-    count = len(nodes)
-    for i in range(count):
-        between[i, i] = 0.0
+def _connect(nodes: Array, cores: Array, reach: Array, edges: Array) -> None:
+    """Write the distances of way points that see each other into ``edges`` (N, N)."""
+    for i in range(len(nodes)):
         for j in range(i):
             dx, dy = nodes[i, 0] - nodes[j, 0], nodes[i, 1] - nodes[j, 1]
-            length = math.inf
             if sees(nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1], cores, reach, 1.0):
-                length = math.sqrt(dx * dx + dy * dy)
-            between[i, j] = between[j, i] = length
-    for k in range(count):
-        for i in range(count):
-            to = between[i, k]
-            if to < math.inf:
-                for j in range(count):
-                    if to + between[k, j] < between[i, j]:
-                        between[i, j] = to + between[k, j]
+                edges[i, j] = edges[j, i] = math.sqrt(dx * dx + dy * dy)
 
 
 @compiled()
@@ -293,12 +285,25 @@ def sees(ax, ay, bx, by, cores, reach, share):  # type: ignore[no-untyped-def]
             continue
         x1, y1, x2, y2 = cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3]
         keep = reach[i] * share
+        if _beside(ax, ay, bx, by, x1, y1, x2, y2, keep) or _beside(
+            x1, y1, x2, y2, ax, ay, bx, by, keep
+        ):
+            continue
         gap = _gap(ax, ay, bx, by, x1, y1, x2, y2)
         if gap < keep - _TOLERANCE:
             nearer = min(_distance(ax, ay, x1, y1, x2, y2), _distance(bx, by, x1, y1, x2, y2))
             if gap < nearer - _TOLERANCE:
                 return False
     return True
+
+
+@compiled()
+def _beside(ax, ay, bx, by, x1, y1, x2, y2, keep):  # type: ignore[no-untyped-def]
+    """Whether a segment lies beside the line through a and b, farther from it than ``keep``."""
+    ex, ey = bx - ax, by - ay
+    one, two = ex * (y1 - ay) - ey * (x1 - ax), ex * (y2 - ay) - ey * (x2 - ax)
+    least = keep * keep * (ex * ex + ey * ey)
+    return one * two > 0.0 and one * one > least and two * two > least
 
 
 @compiled()

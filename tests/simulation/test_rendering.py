@@ -34,6 +34,7 @@ def make_state(**changes):
         "pedestrian_speed": np.zeros(0),
         "pedestrian_reactive": np.zeros(0, bool),
         "pedestrian_attentive": np.zeros(0, bool),
+        "pedestrian_group": np.zeros(0, int),
         "obstacles": np.zeros((0, 3)),
         "walls": np.zeros((0, 4)),
     }
@@ -49,6 +50,7 @@ def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, atte
         "pedestrian_speed": np.full(1, 2.0),
         "pedestrian_reactive": np.array([reactive]),
         "pedestrian_attentive": np.array([attentive]),
+        "pedestrian_group": np.full(1, -1),
     }
 
 

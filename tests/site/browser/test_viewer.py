@@ -280,17 +280,25 @@ def test_layers_are_drawn_only_while_they_are_switched_on(page, site, stored):
 
 
 @pytest.mark.parametrize(
-    ("name", "robot"),
-    [("open", "robot_0"), ("two_robots", "robot_0"), ("two_robots", "robot_1")],
+    ("name", "robot", "mount"),
+    [
+        ("open", "robot_0", [0.0, 0.0, 0.0]),
+        ("two_robots", "robot_0", [0.0, 0.0, 0.0]),
+        ("two_robots", "robot_1", [0.2, -0.1, 0.5]),
+    ],
 )
-def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
+def test_the_lidar_is_the_simulations(page, site, stored, name, robot, mount):
     """Against the simulation's ray caster, in the same state of the log."""
     world, place = stored.worlds[name], stored.labels[name]
     episode = stored.episodes[place, "straight_line", 900000, robot]
     watch(page, site, place, "straight_line", 900000, robot)
-    for state in (0, 3, episode.steps):
+    page.evaluate("(mount) => { crowdbench.viewer.scenes[0].lidar.mount = mount; }", mount)
+    for state in (3, 0, episode.steps):
         scrub(page, state * episode.control_period)
         shown = page.evaluate("crowdbench.viewer.scenes[0].scan")
+        x, y, heading = episode.robot_pose[state]
+        turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+        ahead, left = turn @ mount[:2]
         others = [
             footprint_segments(pose, *episode.footprint)
             for pose in episode.other_robots[state]
@@ -298,7 +306,7 @@ def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
         ]
         expected = np.empty(world.lidar.beams, dtype=np.float32)
         cast_rays(
-            episode.robot_pose[state],
+            np.array([x + ahead, y + left, heading + mount[2]]),
             beam_table(lidar_angles(world)),
             np.column_stack([episode.pedestrian_position[state], episode.pedestrian_radius]),
             episode.obstacles,
