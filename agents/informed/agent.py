@@ -42,11 +42,11 @@ from pydantic import Field
 
 import crowdbench
 
-GROWTH = {"known": 0.0, "velocity": 0.5, "sampled": 0.0}
+GROWTH = {"known": 0.0, "velocity": 0.3, "sampled": 0.0}
 """How fast people may come to be elsewhere than predicted, by intent [m/s]."""
 PRICE = {"known": RISK_COST, "velocity": RISK_COST, "sampled": 3 * RISK_COST}
 """Cost of being where somebody may be, by intent [s/s]."""
-FUTURES = 16
+FUTURES = 8
 """How many are sampled."""
 
 Intent = Literal["known", "velocity", "sampled"]

@@ -28,8 +28,6 @@ GRID, OBSTACLE = (234, 234, 232), (135, 135, 135)
 REACTIVE, NONREACTIVE = (0, 114, 178), (213, 94, 0)  # blue, vermilion
 ROBOTS = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233))  # green, pink, orange, sky
 
-JUMP = 1.0
-"""Whoever is farther away after a step has not walked there, but entered anew [m]."""
 PEDESTRIAN_TRAIL = 4.0
 """How long the trail behind a pedestrian is [s]."""
 
@@ -199,8 +197,10 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), sees in zip(pieces, _sees(state), strict=True):
-                if np.abs(end - start).max() < JUMP:  # and both are known
+            # Nobody walks farther; who does has left and entered anew.
+            farthest = state["pedestrian_speed"] * (self._times[step] - self._times[step - 1]) + 0.5
+            for (start, end), sees, most in zip(pieces, _sees(state), farthest, strict=True):
+                if np.hypot(*(end - start)) <= most:
                     color = REACTIVE if sees else NONREACTIVE
                     brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):

@@ -6,7 +6,6 @@ noise, and what is drawn for an episode stay in Python, in the lanes that need t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -24,7 +23,6 @@ from crowdbench.simulation.habits import (
     BEFORE_CHOICE,
     BEFORE_LEGS,
     HabitLanes,
-    begin_habits,
 )
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
@@ -41,13 +39,13 @@ from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
-from crowdbench.simulation.pedestrians import KEEP, look
-from crowdbench.simulation.recorded import Recorded, Tracks, away
+from crowdbench.simulation.pedestrians import look
+from crowdbench.simulation.recorded import Recorded, away
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.routes import Routes, has_routes, routes_of
+from crowdbench.simulation.routes import Routes, routes_of
 from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
+from crowdbench.simulation.setting_out import set_out
 from crowdbench.simulation.substeps import body_speed, physics
-from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
 Lanes = NDArray[np.int64]
@@ -145,7 +143,7 @@ class Worlds:
         self._place_robots(lane, layout, prepared)
         if self._guidance is not None:
             self._guidance.begin(lane, prepared.places, state.robots)
-        drawing = self._place_people(lane, layout, seed, prepared)
+        drawing = set_out(state, lane, layout, seed, scenario.pedestrians, prepared.routes)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
@@ -284,7 +282,7 @@ class Worlds:
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 scenario.robots.odometry != Odometry(),
                 places_of(scenario),
-                routes_of(scenario) if has_routes(scenario) else None,
+                routes_of(scenario),
             )
         return self._prepared[id(scenario)]
 
@@ -298,46 +296,6 @@ class Worlds:
         ways = layout.robot_goal - layout.robot_pose[:, :2]
         robots["distance"] = np.linalg.norm(ways, axis=1)
         self._note_travel(lane, prepared)
-
-    def _place_people(
-        self, lane: int, layout: Layout, seed: int, prepared: Prepared
-    ) -> list[np.random.Generator]:
-        """Begin the first legs; returns where later ones are drawn from."""
-        s, settings = self.state, prepared.scenario.pedestrians
-        people = s.people[lane, : settings.count]
-        drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
-        draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
-        for row, stream in zip(draws, drawing, strict=True):
-            stream.random(out=row)
-        people["speed"] = preferred_speeds(settings, draws[:, 0])
-        people["acceleration"] = settings.acceleration or np.inf
-        s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
-        people["drawn"] = 0
-        people["present"], people["preferred"] = True, 0.0
-        people["position"] = people["next_goal"] = layout.pedestrian_position
-        people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = layout.traits.radius
-        if layout.tracks is not None:
-            self._follow(people, layout.tracks)
-            begin_habits(people, s.queues[lane], layout, settings)
-            return drawing
-        legs.begin(lane, s, layout.pedestrian_stage, layout.traits.first, prepared.routes)
-        ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
-        people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-        directions = np.column_stack([np.cos(heading), np.sin(heading)])
-        people["velocity"] = people["preferred"] = people["speed"][:, None] * directions
-        begin_habits(people, s.queues[lane], layout, settings)
-        return drawing
-
-    @staticmethod
-    def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
-        """Begin as recorded."""
-        people["start"], people["goal"], people["speed"] = tracks.ways()
-        people["next_goal"], people["intent"] = people["goal"], KEEP
-        people["switch_time"] = people["deadline"] = np.inf
-        people["velocity"] = tracks.velocity(0)
-        people["present"] = np.isfinite(tracks.at(0)[:, 0])
-        people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]
 
     def _come_and_go(self, lane: int) -> None:
         """Let recorded people appear and leave, at the end of a control period."""

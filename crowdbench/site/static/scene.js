@@ -120,12 +120,11 @@
       const { episode, context } = this;
       const first = Math.max(0, Math.ceil((frame.time - TRAIL) / episode.period));
       frame.people.forEach((person, p) => {
-        let path = [];
+        const path = [];
         for (let state = first; state <= frame.state; state++) {
+          if (path.length && crowdbench.enters(episode, p, state)) path.length = 0;
           const index = 2 * (state * episode.people + p);
-          const place = [episode.position[index], episode.position[index + 1]];
-          if (path.length && crowdbench.jumps(path[path.length - 1], place)) path = [];
-          path.push(place);
+          path.push([episode.position[index], episode.position[index + 1]]);
         }
         context.globalAlpha = 0.45;
         this.line([...path, person.position], 0.05, this.pathColourOf(person));
