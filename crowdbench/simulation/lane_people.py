@@ -1,62 +1,14 @@
-"""People of a lane: how they begin, how recorded ones come and go, what walking models see."""
+"""People of a lane: how recorded ones come and go, and what walking models see."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numpy.typing import NDArray
 
-from crowdbench.simulation import legs, streams
-from crowdbench.simulation.habits import begin_habits
-from crowdbench.simulation.lane_episode import Episode, Prepared
-from crowdbench.simulation.lanes import DRAWS, LEGS_AHEAD, State
-from crowdbench.simulation.layout import Layout
-from crowdbench.simulation.pedestrians import KEEP
-from crowdbench.simulation.recorded import Recorded, Tracks, away
-from crowdbench.simulation.traits import preferred_speeds
+from crowdbench.simulation import legs
+from crowdbench.simulation.lane_episode import Episode
+from crowdbench.simulation.lanes import State
+from crowdbench.simulation.recorded import Recorded, away
 from crowdbench.simulation.walking import Crowd
-
-
-def place_people(
-    s: State, lane: int, layout: Layout, seed: int, prepared: Prepared
-) -> list[np.random.Generator]:
-    """Begin the first legs in a lane; returns where later ones are drawn from."""
-    settings = prepared.scenario.pedestrians
-    people = s.people[lane, : settings.count]
-    drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
-    draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
-    for row, stream in zip(draws, drawing, strict=True):
-        stream.random(out=row)
-    people["speed"] = preferred_speeds(settings, draws[:, 0])
-    people["acceleration"] = settings.acceleration or np.inf
-    s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
-    people["drawn"] = 0
-    people["present"], people["preferred"] = True, 0.0
-    people["position"] = people["next_goal"] = layout.pedestrian_position
-    people["reactive"] = layout.pedestrian_reactive
-    people["radius"] = layout.traits.radius
-    if layout.tracks is not None:
-        _follow(people, layout.tracks)
-        begin_habits(people, s.queues[lane], layout, settings)
-        return drawing
-    legs.begin(lane, s, layout.pedestrian_stage, layout.traits.first, prepared.routes)
-    ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
-    people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-    directions = np.column_stack([np.cos(heading), np.sin(heading)])
-    people["velocity"] = people["preferred"] = people["speed"][:, None] * directions
-    begin_habits(people, s.queues[lane], layout, settings)
-    return drawing
-
-
-def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
-    """Begin as recorded."""
-    people["start"], people["goal"], people["speed"] = tracks.ways()
-    people["next_goal"], people["intent"] = people["goal"], KEEP
-    people["switch_time"] = people["deadline"] = np.inf
-    people["velocity"] = tracks.velocity(0)
-    people["present"] = np.isfinite(tracks.at(0)[:, 0])
-    people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]
 
 
 def come_and_go(s: State, lane: int, episode: Episode) -> None:

@@ -24,7 +24,7 @@ from crowdbench.simulation.habits import (
 )
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lane_episode import Episode, Prepared
-from crowdbench.simulation.lane_people import come_and_go, crowd_of, place_people
+from crowdbench.simulation.lane_people import come_and_go, crowd_of
 from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
@@ -44,6 +44,7 @@ from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.routes import routes_of
 from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
+from crowdbench.simulation.setting_out import set_out
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.walking import make_walking_model
 
@@ -104,7 +105,7 @@ class Worlds:
         self._place_robots(lane, layout, prepared)
         if self._guidance is not None:
             self._guidance.begin(lane, prepared.places, state.robots)
-        drawing = place_people(state, lane, layout, seed, prepared)
+        drawing = set_out(state, lane, layout, seed, scenario.pedestrians, prepared.routes)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
