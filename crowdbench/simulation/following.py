@@ -150,7 +150,7 @@ def _is_due(person, walk, world, network, regions):  # type: ignore[no-untyped-d
         _set_out(person, walk, world.time, network)
         return False
     dx, dy = walk.stops[stage, 0] - x, walk.stops[stage, 1] - y
-    reached = math.hypot(dx, dy) < ARRIVAL
+    reached = person.arrived or math.hypot(dx, dy) < ARRIVAL
     if stage < walk.last:
         if reached or _is_within(regions.streams[walk.stream, 3 + stage], x, y, regions):
             walk.stage += 1
@@ -339,6 +339,7 @@ def _enter(person, walk, calls):  # type: ignore[no-untyped-def]
     person.position[0], person.position[1] = x, y
     set_vector(calls[SET_POSITION], person.body, x, y)
     walk.waiting = 0
+    person.entered = True
 
 
 @compiled()

@@ -104,6 +104,16 @@ class Ground:
         near_y = np.abs(self._y - point[1]) <= self.side
         return near_x & near_y[:, None]
 
+    def holds(self, mask: Mask, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(K,) whether places (K, 2) [m] lie in cells of a mask."""
+        column = np.floor((places[:, 0] - self.bounds[0]) / self.side).astype(np.int64)
+        row = np.floor((places[:, 1] - self.bounds[1]) / self.side).astype(np.int64)
+        rows, columns = mask.shape
+        known = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        found = np.zeros(len(places), dtype=np.bool_)
+        found[known] = mask[row[known], column[known]]
+        return found
+
     def spots(self, mask: Mask) -> Spots:
         """Where places in the cells of a mask are drawn."""
         row, column = np.nonzero(mask)

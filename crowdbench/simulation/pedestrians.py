@@ -73,7 +73,9 @@ def decide(
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
             if world.time >= person.switch_time:
                 _aim(person, person.next_goal[0], person.next_goal[1], world.time)
-            elif person.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+            elif person.walks_on and (
+                person.arrived or math.hypot(x, y) < ARRIVAL or world.time >= person.deadline
+            ):
                 _begin_leg(person, world, obstacles[lane], draws[lane, p])
                 exhausted = exhausted or person.drawn == LEGS_AHEAD
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]

@@ -106,6 +106,7 @@ class Renderer:
             brush.polygon(np.array(polygon), OBSTACLE)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
+        _draw_groups(brush, people)
         _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
@@ -276,7 +277,7 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
 def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What is known of the pedestrians who are there."""
     there = np.isfinite(state["pedestrian_position"][:, 0])
-    names = ("position", "velocity", "goal", "radius", "reactive", "attentive")
+    names = ("position", "velocity", "goal", "radius", "reactive", "attentive", "group")
     return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
@@ -296,6 +297,13 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(first, last, 0.02, color)
         for diagonal in (np.array([0.1, 0.1]), np.array([0.1, -0.1])):
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
+
+
+def _draw_groups(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    """Lines between the people of a group, from one to the next."""
+    group, position = state["pedestrian_group"], state["pedestrian_position"]
+    for p in np.flatnonzero((group[1:] == group[:-1]) & (group[1:] >= 0)).tolist():
+        brush.line(position[p], position[p + 1], 0.05, GREY)
 
 
 def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:

@@ -33,6 +33,7 @@ class Pedestrians(NamedTuple):
         reactive: (P,) sees the robots; the others are non-reactive.
         attentive: (P,) does not look away now.
         attention_time: (P,) when that changes, inf for those who never look away [s].
+        group: (P,) that each walks with, -1 for none.
         queue: (P,) that each belongs to, -1 for none.
         place: (P,) in the queue, from 0, -1 while somewhere else.
         served_time: (P,) when the first one in line leaves, inf before it is served [s].
@@ -55,6 +56,7 @@ class Pedestrians(NamedTuple):
     reactive: NDArray[np.bool_]
     attentive: NDArray[np.bool_]
     attention_time: NDArray[np.float64]
+    group: NDArray[np.int64]
     queue: NDArray[np.int64]
     place: NDArray[np.int64]
     served_time: NDArray[np.float64]
@@ -144,7 +146,7 @@ class Lane:
         """(P,) the stream that each pedestrian walks in; -1: none."""
         routes = self.worlds.episode(self._lane).prepared.routes
         nowhere = np.full(len(self.pedestrians.speed), -1, dtype=np.int64)
-        return nowhere if routes is None else routes.member.copy()
+        return nowhere if routes is None else routes.member[self.layout.traits.first]
 
     @property
     def contacts(self) -> dict[int, Contact]:

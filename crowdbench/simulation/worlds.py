@@ -321,7 +321,7 @@ class Worlds:
             self._follow(people, layout.tracks)
             begin_habits(people, s.queues[lane], layout, settings)
             return drawing
-        legs.begin(lane, s, layout.pedestrian_stage, prepared.routes)
+        legs.begin(lane, s, layout.pedestrian_stage, layout.traits.first, prepared.routes)
         ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
         people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
         directions = np.column_stack([np.cos(heading), np.sin(heading)])

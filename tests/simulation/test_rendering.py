@@ -33,6 +33,7 @@ def make_state(**changes):
         "pedestrian_radius": np.zeros(0),
         "pedestrian_reactive": np.zeros(0, bool),
         "pedestrian_attentive": np.zeros(0, bool),
+        "pedestrian_group": np.zeros(0, int),
         "obstacles": np.zeros((0, 3)),
         "walls": np.zeros((0, 4)),
     }
@@ -47,6 +48,7 @@ def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, atte
         "pedestrian_radius": np.full(1, 0.25),
         "pedestrian_reactive": np.array([reactive]),
         "pedestrian_attentive": np.array([attentive]),
+        "pedestrian_group": np.full(1, -1),
     }
 
 
