@@ -29,7 +29,7 @@ from crowdbench.simulation.pedestrians import (
     look,
 )
 from crowdbench.simulation.routes import Network, Regions
-from crowdbench.simulation.ways import lengths_to, next_point, sees
+from crowdbench.simulation.ways import SQUEEZED, lengths_to, next_point, sees
 
 ENTRY_GAP = 0.1
 """Least gap to others with which a person enters [m]."""
@@ -356,7 +356,7 @@ def _prefer(person, walk, period, network):  # type: ignore[no-untyped-def]
         at += 1
     if at == walk.at:
         at_x, at_y = walk.points[at, 0], walk.points[at, 1]
-        if not sees(x, y, at_x, at_y, cores, reach, network.walkable) or (
+        if not sees(x, y, at_x, at_y, cores, reach, SQUEEZED) or (
             at + 1 == walk.count and not walk.whole
         ):
             _plan(x, y, walk, network)

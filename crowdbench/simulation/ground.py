@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from crowdbench.scenario import Arena
 from crowdbench.scenario.places import Point, Region, corners
@@ -87,6 +86,8 @@ class Ground:
 
         A passage counts as wide enough if it is so but for a cell's side.
         """
+        from scipy import ndimage  # here, since few scenarios have regions
+
         labels, _ = ndimage.label(self.gap >= radius)
         return np.asarray(labels, dtype=np.int32)
 

@@ -181,17 +181,20 @@ class HabitLanes:
 
     def __init__(self) -> None:
         """No lane has any."""
-        self._lanes: dict[Habit, set[int]] = {
-            habit: set() for habit in (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)
-        }
+        self._lanes = {habit: set[int]() for habit in (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)}
+        self._none = True
 
     def note(self, lane: int, people: Pedestrians) -> None:
         """Take note of what a lane has from now on."""
         for habit, lanes in self._lanes.items():
             (lanes.add if habit.has(people) else lanes.discard)(lane)
+        self._none = not any(self._lanes.values())
 
     def act(self, habits: Sequence[Habit], lanes: Lanes, state: State) -> None:
         """Do what is to be done in those of the lanes that have these habits."""
+        if self._none:
+            return
+        chosen = lanes.tolist()
         for habit in habits:
-            if having := self._lanes[habit].intersection(lanes.tolist()):
+            if having := self._lanes[habit].intersection(chosen):
                 habit.act(np.array(sorted(having)), state)

@@ -158,7 +158,7 @@ def places_of(scenario: Scenario) -> Places | None:
     beside = scenario.obstacles.radius[1] + passage(robots)
     walls = walls_of(scenario)
     ground = Ground(scenario.arena, walls, max(at_goal, people.radii[1], beside))
-    ways = Ways(walls, np.empty((0, 3)), clearance)
+    ways = Ways(walls, np.empty((0, 3)), clearance, scenario.arena.bounds)
     starts = _room_for(scenario, ground, ways, "start", robots.start, clearance)
     goals = _room_for(scenario, ground, ways, "goal", robots.goal, at_goal)
     areas = ground.connected(clearance)

@@ -64,13 +64,17 @@ class Renderer:
         """
         if self._closed or (self._window and self._window.closed):
             return None
-        self._trails.add(state)
+        self.follow(state)
         picture = self._paint(state, lidar)
         if self._mode == "rgb_array":
             pixels = self._pygame.surfarray.array3d(picture)
             return np.ascontiguousarray(pixels.transpose(1, 0, 2))
         self._show(picture)
         return None
+
+    def follow(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take note of a state that is not drawn itself: later pictures show trails."""
+        self._trails.add(state)
 
     def close(self) -> None:
         """Close the window, if there is one; nothing is drawn afterwards."""
@@ -197,8 +201,10 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), sees in zip(pieces, _sees(state), strict=True):
-                if np.isfinite(start[0] + end[0]):
+            # Nobody walks farther; who does has left and entered anew.
+            farthest = state["pedestrian_speed"] * (self._times[step] - self._times[step - 1]) + 0.5
+            for (start, end), sees, most in zip(pieces, _sees(state), farthest, strict=True):
+                if np.hypot(*(end - start)) <= most:
                     color = REACTIVE if sees else NONREACTIVE
                     brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):

@@ -213,3 +213,35 @@ def test_lanes_have_the_groups_of_the_single_environment_to_the_last_bit():
 def test_groups_that_cannot_be_are_refused_with_the_field(changes, told):
     with pytest.raises(ScenarioError, match=rf"pedestrians\.{told}"):
         PLAZA.override({"pedestrians": changes})
+
+
+def test_a_group_in_a_stream_enters_anew_together_and_passes_a_door():
+    scenario = PLAZA.override(
+        {
+            "arena": {
+                "kind": "map", "width": 8, "walls": [[0, -4, 0, -0.8], [0, 0.8, 0, 4]],
+                "regions": {"west": [-8, -3, -6, 3], "east": [6, -3, 8, 3]},
+            },
+            "robots": {"start": [-4, 3], "goal": [4, 3]},
+            "pedestrians": {
+                "count": 8, "leg": 4, "spawn_clearance": 0.5, "groups.share": 0.75,
+                "streams": [{"start": "west", "goal": "east", "share": 1.0}],
+            },
+        }
+    )  # fmt: skip
+    world = World(scenario, 1)
+    world.remove(0)
+    members = [np.flatnonzero(world.pedestrians.group == g) for g in range(2)]
+    together, passed = [], np.zeros(8)
+    for _ in range(350):
+        before = world.pedestrians.position.copy()
+        world.step(STILL)
+        position = world.pedestrians.position
+        passed += (before[:, 0] < 0) & (position[:, 0] >= 0)
+        jumped = np.linalg.norm(position - before, axis=1) > 1.0
+        assert (position[jumped, 0] < -4).all()  # west, where the stream begins
+        together += [np.ptp(position[m], axis=0).max() < 3.5 for m in members]
+    assert np.mean(together) > 0.85
+    assert passed.min() >= 2
+    for m in members:
+        assert np.ptp(passed[m]) <= 1
