@@ -15,7 +15,7 @@ from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
-from crowdbench_agents.geometry.footprint import advance, point_gap
+from crowdbench_agents.geometry.footprint import advance, point_gap, turned
 from crowdbench_agents.geometry.scan import ScanGeometry
 from crowdbench_agents.geometry.under_way import CommandsUnderWay, into_frame, relative
 from numpy.typing import NDArray
@@ -60,12 +60,14 @@ class DynamicWindow(crowdbench.Agent):
         """Return the best (v, w) of the window that opens when the command begins to act."""
         robot, ahead = self._robot, self._under_way.foresee(observation)
         scene = self._tracker.update(observation)
-        x, y, heading = ahead.pose.astype(float)
-        cosine, sine = np.cos(heading), np.sin(heading)
-        axes = np.array([[cosine, -sine], [sine, cosine]])
+        x, y, heading = ahead.pose.tolist()
+        cosine, sine = math.cos(heading), math.sin(heading)
         moving = scene.discs[scene.moving]
-        places = moving[:, :2] + self._under_way.time * moving[:, 2:4]
-        discs = np.column_stack([(places - [x, y]) @ axes, moving[:, 2:4] @ axes, moving[:, 4]])
+        velocity = np.ascontiguousarray(moving[:, 2:4])
+        places = moving[:, :2] + self._under_way.time * velocity
+        discs = np.column_stack(
+            [turned(places - [x, y], cosine, sine), turned(velocity, cosine, sine), moving[:, 4]]
+        )
         still = self._scan.points(self._tracker.without_moving(observation, scene))
         limits = robot.acceleration or (np.inf, np.inf)
         best = _best(

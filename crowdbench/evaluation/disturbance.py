@@ -16,6 +16,7 @@ those who are left.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -133,7 +134,7 @@ class _Walk(NamedTuple):
         share = np.clip(((place - places[:-1]) * ahead).sum(axis=1) / squared, 0.0, 1.0)
         gaps = np.linalg.norm(place - places[:-1] - share[:, None] * ahead, axis=1)
         best = int(np.argmin(gaps))
-        if np.linalg.norm(place - places[-1]) <= gaps[best]:
+        if math.dist(place, places[-1]) <= gaps[best]:
             return float(way[-1])
         return float(way[best] + share[best] * (way[best + 1] - way[best]))
 
