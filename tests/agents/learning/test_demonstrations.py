@@ -19,6 +19,7 @@ def demonstrations(folder):
     return Demonstrations(folder, config, robot, social=True)
 
 
+@pytest.mark.slow
 def test_of_two_runs_that_start_together_one_records_and_the_other_waits(
     in_empty_folder, monkeypatch
 ):
