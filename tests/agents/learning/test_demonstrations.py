@@ -4,6 +4,7 @@ import threading
 
 import crowdbench_agents.learning.demonstrations as module
 import numpy as np
+import pytest
 from crowdbench_agents.learning.demonstrations import LANES, Demonstrations
 from crowdbench_agents.learning.experts import Experts
 from simple_kind import SMALL
