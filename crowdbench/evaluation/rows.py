@@ -98,7 +98,9 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
     connection.execute("COMMIT")
     if not end:
         return empty_frame()
-    table: dict[str, NDArray[Any] | list[str]] = {**texts}
+    table: dict[str, Any] = {**texts}
+    # One object in all rows, which as pandas' text would be hundreds of letters in each.
+    table[NOT_COMPUTED] = pd.Series(texts[NOT_COMPUTED], dtype=object)
     table |= zip(_INTEGERS, integers[:, :end], strict=True)
     table |= zip(metrics, numbers[:, :end], strict=True)
     # Columns as they were read, without another copy of all numbers.
