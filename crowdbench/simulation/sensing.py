@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
+from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.kinematics import make_drive, poses_ahead
 from crowdbench.simulation.lanes import PROPRIOCEPTION

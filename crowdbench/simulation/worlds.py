@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import lidar_angles
+from crowdbench.robot import lidar_angles
 from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, legs, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
