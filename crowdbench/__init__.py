@@ -28,7 +28,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import pettingzoo
 
-from crowdbench.agent import Action, Agent, AgentError, AgentSpec, Observation, RobotSpec
+from crowdbench.agent import Action, Agent, AgentError, AgentSpec
+from crowdbench.robot import Observation, RobotSpec
 from crowdbench.scenario import (
     NoRoomError,
     Scenario,

@@ -153,7 +153,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from crowdbench.agent import RobotSpec
+from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive

@@ -109,7 +109,8 @@ def _lead(  # type: ignore[no-untyped-def]
 ):
     """Write what remains of the active robots' paths, and the points ahead into ``seen``.
 
-    Where no path leads on, since something has pushed the robot, both stay as they were.
+    Where no path leads on, since something has pushed the robot, what remains stays as it was, and
+    the goal itself is seen.
 
     Args:
         lanes: (M,) which, all on the same map.
