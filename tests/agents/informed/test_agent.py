@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowdbench_agents.informed.actions import lines
 from crowdbench_agents.informed.agent import Informed
 from crowdbench_agents.informed.distance_field import DistanceField, look_up
-from crowdbench_agents.informed.search import HORIZON, TICKS, lines
+from crowdbench_agents.informed.search import HORIZON, TICKS
 
 import crowdbench
 
