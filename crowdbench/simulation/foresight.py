@@ -105,7 +105,7 @@ def walk_ahead(
     for k in range(periods):
         worlds["time"][0] = now = float(state["time"]) + k * period
         if queues is not None:
-            queues.close_up(people[0], now, walk.arrived)
+            queues.close_up(people[0], k, now, walk.arrived)
         _go_on(worlds, around, people, sees_robot, robots[k], further, begun, walk.arrived)
         if routes is not None:
             routes.lead(people[0], period, walk)
@@ -119,6 +119,8 @@ def walk_ahead(
         if limited:
             limit_changes(_LANE, worlds, people)
         _move(people, period, walk.position[k + 1], walk.velocity[k])
+    if queues is not None:
+        queues.bring_back(walk)
     return walk
 
 
@@ -161,8 +163,11 @@ class _Queues:
         self._queue, self._served = state["pedestrian_queue"], state["pedestrian_served_time"]
         self._place = state["pedestrian_place"].copy()
         self._due = self._served.copy()
+        self._left: list[tuple[int, int]] = []
 
-    def close_up(self, people: NDArray[np.void], now: float, arrived: NDArray[np.float64]) -> None:
+    def close_up(
+        self, people: NDArray[np.void], step: int, now: float, arrived: NDArray[np.float64]
+    ) -> None:
         """Have everybody behind somebody who has been served step forward."""
         for p in np.flatnonzero(now >= self._due).tolist():
             self._due[p] = np.inf
@@ -178,6 +183,14 @@ class _Queues:
             self._place[away] = len(line) - 1
             self._place[p] = -1
             people["walks_on"][p], arrived[p] = True, now
+            # It walks away, whereto nobody knows: out of the way of those behind.
+            people["position"][p] = _FAR * (1 + p)
+            self._left.append((p, step))
+
+    def bring_back(self, walk: Walk) -> None:
+        """Note of those who have been served that they were last seen in the first place."""
+        for p, step in self._left:
+            walk.position[step:, p], walk.velocity[step:, p] = walk.position[step, p], 0.0
 
 
 class _Routes:

@@ -92,6 +92,19 @@ def test_it_wins(scenario):
         assert len(actions) < 120
 
 
+@pytest.mark.parametrize(
+    ("scenario", "seed"),
+    [
+        ("hard_open_dense", 900_008),  # somebody evades it
+        ("hard_plaza_groups", 900_015),  # a group turns
+        ("situation_blind_corner", 900_002),  # a quick search finds no way out
+    ],
+)
+def test_it_wins_where_robots_cannot_stop_at_once(scenario, seed):
+    outcome, _ = drive(scenario, seed)
+    assert outcome == "success"
+
+
 @pytest.mark.parametrize("scenario", ["multimodal_fast_nonreactive", "corridor_very_dense"])
 def test_it_wins_with_an_omnidirectional_robot(scenario):
     for seed in (900_500, 900_501):
