@@ -13,6 +13,7 @@ from crowdbench.people import read_recording
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.simulation.recorded import CATCH_UP, Recorded, Tracks
 from crowdbench.simulation.walking import Crowd
+from crowdbench.simulation.world import World
 
 STANDING = {"robot_0": np.zeros(2)}
 
@@ -145,18 +146,30 @@ def test_nobody_appears_on_top_of_a_robot():
     track = np.full((10, 2, 2), np.nan)
     track[3:, 0] = [0.3, 0.0]
     track[2:, 1] = [5.0, 0.0]
-    model, crowd = follower(track, robot=[0.0, 0.0])
-    nobody = np.zeros(2, bool)
-    absent = crowd(np.zeros((2, 2)), np.zeros((2, 2)), nobody)
-    assert [model.present(absent, step).tolist() for step in (1, 2, 3)] == [
+    robot = np.zeros((1, 2))
+    model, crowd = follower(track, robot[0])
+    absent = crowd(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2, bool))
+    assert [model.present(absent, robot, step).tolist() for step in (1, 2, 3)] == [
         [False, False], [False, True], [False, True],
     ]  # fmt: skip
     assert model.held.tolist() == [True, False]
-    _, away = follower(track, robot=[0.0, 2.0])
-    assert model.present(away(np.zeros((2, 2)), np.zeros((2, 2)), nobody), 4).all()
+    assert model.present(absent, np.array([[0.0, 2.0]]), 4).all()
+    assert model.present(absent, np.empty((0, 2)), 4).all()
     # Who is there already stays, however near the robot is.
     there = crowd(np.zeros((2, 2)), np.zeros((2, 2)))
-    assert model.present(there, 4).all()
+    assert model.present(there, robot, 4).all()
+
+
+@pytest.mark.parametrize("leaves", [False, True])
+def test_a_robot_that_has_left_holds_nobody_back(recording, leaves):
+    x, y = read_recording(recording).positions[0] - sum(read_recording(recording).extent) / 2
+    ends = {"robots.start": [x, y], "robots.goal": [5.0, 0.0]}
+    world = World(crossing(recording, **ends, **{"pedestrians.reactive": 0.0}), 3)
+    if leaves:
+        world.remove(0)
+    for _ in range(60):
+        world.step(np.zeros((1, 2)))
+    assert world.recorded()["recorded_held"].any() != leaves
 
 
 def test_metrics_know_only_those_who_are_there(recording):
