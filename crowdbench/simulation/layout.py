@@ -86,7 +86,7 @@ def place(
     if scenario.pedestrians.recording.file:
         from crowdbench.simulation.crossing import place_crossing
 
-        return place_crossing(scenario, seed)
+        return place_crossing(scenario, seed, places or places_of(scenario))
     rng, traits = streams.layout(seed), draw_traits(scenario.pedestrians, seed)
     places = places or places_of(scenario)
     problems: list[NoPlaceError] = []
