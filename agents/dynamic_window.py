@@ -15,7 +15,7 @@ from typing import Annotated
 
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
-from crowdbench_agents.geometry.footprint import advance, point_gap
+from crowdbench_agents.geometry.footprint import advance, point_gap, turned
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -57,12 +57,12 @@ class DynamicWindow(crowdbench.Agent):
         """Return the best (v, w) of the window."""
         robot = self._robot
         scene = self._tracker.update(observation)
-        x, y, heading = observation.pose.astype(float)
-        cosine, sine = np.cos(heading), np.sin(heading)
-        axes = np.array([[cosine, -sine], [sine, cosine]])
+        x, y, heading = observation.pose.tolist()
+        cosine, sine = math.cos(heading), math.sin(heading)
         moving = scene.discs[scene.moving]
+        offset, velocity = moving[:, :2] - [x, y], np.ascontiguousarray(moving[:, 2:4])
         discs = np.column_stack(
-            [(moving[:, :2] - [x, y]) @ axes, moving[:, 2:4] @ axes, moving[:, 4]]
+            [turned(offset, cosine, sine), turned(velocity, cosine, sine), moving[:, 4]]
         )
         still = self._tracker.without_moving(observation, scene)
         hit = still < robot.lidar_range - 1e-3

@@ -10,6 +10,7 @@ it cannot follow exactly, the robot takes itself for a little larger than it is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Annotated
 
@@ -29,7 +30,7 @@ class Orca(crowdbench.Agent):
     """Reciprocal avoidance of what the LiDAR shows."""
 
     drives = ("differential", "omnidirectional")
-    version = "0.1.0"
+    version = "0.2.0"
 
     def __init__(
         self,
@@ -55,11 +56,11 @@ class Orca(crowdbench.Agent):
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the command that follows the ORCA velocity best."""
         robot = self._robot
-        x, y, heading = observation.pose.astype(float)
-        ahead = np.array([np.cos(heading), np.sin(heading)])
-        aside = np.array([-ahead[1], ahead[0]])
-        goal_x, goal_y = observation.goal.astype(float)
-        distance = max(np.hypot(goal_x, goal_y), 1e-6)
+        x, y, heading = observation.pose.tolist()
+        cosine, sine = math.cos(heading), math.sin(heading)
+        ahead, aside = np.array([cosine, sine]), np.array([-sine, cosine])
+        goal_x, goal_y = observation.goal.tolist()
+        distance = max(math.hypot(goal_x, goal_y), 1e-6)
         speed = min(robot.speed[1], distance / robot.control_period)
         preferred = (goal_x * ahead + goal_y * aside) * speed / distance
         scene = self._tracker.update(observation)
@@ -67,15 +68,17 @@ class Orca(crowdbench.Agent):
         moving = observation.velocity[0] * ahead
         if sideways:
             moving = moving + observation.velocity[1] * aside
-        wanted = self._avoid(np.array([x, y]), moving, preferred, scene)
+        wanted_x, wanted_y = self._avoid(np.array([x, y]), moving, preferred, scene).tolist()
+        forward = cosine * wanted_x + sine * wanted_y
+        left = cosine * wanted_y - sine * wanted_x
         # Braking is for what stands still: pedestrians are avoided better by moving.
         still = self._tracker.without_moving(observation, scene)
         if sideways:
-            forward = np.clip(wanted @ ahead, *robot.speed)
-            left = np.clip(wanted @ aside, *robot.lateral_speed)
+            forward = np.clip(forward, *robot.speed)
+            left = np.clip(left, *robot.lateral_speed)
             share = self._brake(line_gap, forward, left, still)
             return share * forward, share * left
-        v, w = self._follow(wanted @ ahead, wanted @ aside)
+        v, w = self._follow(forward, left)
         return self._brake(arc_gap, v, w, still) * v, w
 
     def _avoid(
@@ -110,13 +113,13 @@ class Orca(crowdbench.Agent):
     def _follow(self, forward: float, left: float) -> crowdbench.Action:
         """Turn towards a velocity in the robot frame, driving what of it lies ahead."""
         robot = self._robot
-        bearing = np.arctan2(left, forward)
-        if np.hypot(forward, left) < 0.02:
+        bearing, speed = math.atan2(left, forward), math.hypot(forward, left)
+        if speed < 0.02:
             return 0.0, 0.0
-        turn = np.clip(bearing / robot.control_period, *robot.turn_rate)
+        turn = float(np.clip(bearing / robot.control_period, *robot.turn_rate))
         # Halfway through the turn the robot faces the mean direction of this step.
         off = bearing - turn * robot.control_period / 2
-        return float(np.hypot(forward, left) * max(0.0, np.cos(off))), float(turn)
+        return speed * max(0.0, math.cos(off)), turn
 
     def _brake(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 import crowdbench
 
@@ -14,7 +14,7 @@ class StraightLine(crowdbench.Agent):
     """
 
     drives = ("differential", "omnidirectional")
-    version = "0.1.0"
+    version = "0.2.0"
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits."""
@@ -22,9 +22,9 @@ class StraightLine(crowdbench.Agent):
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return full speed towards the goal, slower while turning to it."""
-        x, y = observation.goal
+        x, y = observation.goal.tolist()
         if self._robot.drive == "omnidirectional":
-            return observation.goal * (self._robot.speed[1] / max(np.hypot(x, y), 1e-6))
-        bearing = np.arctan2(y, x)
+            return observation.goal * (self._robot.speed[1] / max(math.hypot(x, y), 1e-6))
+        bearing = math.atan2(y, x)
         turn = bearing / self._robot.control_period
-        return self._robot.speed[1] * max(0.0, np.cos(bearing)), float(turn)
+        return self._robot.speed[1] * max(0.0, math.cos(bearing)), turn

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from crowdbench_agents.geometry.footprint import turned
 from numpy.typing import NDArray
 
 import crowdbench
@@ -91,10 +92,9 @@ class Tracker:
     ) -> NDArray[np.float64]:
         """(beams,) the scan as if the moving discs of its scene were not there [m]."""
         lidar = observation.lidar.astype(np.float64)
-        x, y, heading = observation.pose.astype(np.float64)
-        ahead = np.array([np.cos(heading), np.sin(heading)])
-        axes = np.column_stack([ahead, [-ahead[1], ahead[0]]])
-        centres = (scene.discs[scene.moving, :2] - [x, y]) @ axes
+        x, y, heading = observation.pose.tolist()
+        centres = scene.discs[scene.moving, :2] - [x, y]
+        centres = turned(centres, math.cos(heading), math.sin(heading))
         points = lidar[:, None] * np.column_stack([self._cos, self._sin])
         gaps = np.linalg.norm(points[:, None] - centres, axis=2) - scene.discs[scene.moving, 4]
         return np.where((np.abs(gaps) < OF_DISC).any(axis=1), self._range, lidar)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from crowdbench.compiled import compiled
+from crowdbench.simulation.rounding import sum_of_products
 
 
 @compiled()
@@ -18,6 +19,19 @@ def advance(x, y, heading, v, w, duration):
         chord *= math.sin(half_turn) / half_turn
     middle = heading + half_turn
     return x + chord * math.cos(middle), y + chord * math.sin(middle), heading + w * duration
+
+
+@compiled()
+def turned(points, cosine, sine):
+    """(N, 2) vectors in a frame that is turned by an angle, counter-clockwise.
+
+    What BLAS multiplies it rounds as the processor has it, and a single vector otherwise than two.
+    """
+    out = np.empty((len(points), 2))
+    for i in range(len(points)):
+        out[i, 0] = sum_of_products(points[i, 0], cosine, points[i, 1], sine)
+        out[i, 1] = sum_of_products(points[i, 0], -sine, points[i, 1], cosine)
+    return out
 
 
 @compiled()

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from crowdbench.simulation.rounding import atan2
+
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-9
@@ -195,7 +197,7 @@ def _arcs_between(
         Indices of the points where each arc begins and ends, and the arcs.
     """
     offset = point - centre[circle]
-    angle = np.arctan2(offset[:, 1], offset[:, 0])
+    angle = atan2(offset[:, 1], offset[:, 0])
     phase = (turn * angle) % _TURN
     ring = 2 * circle + (turn > 0)
     first = np.lexsort((phase, ring))
@@ -257,7 +259,7 @@ def _arc_gaps(arcs: _Arcs, cores: Array) -> Array:
 
     def spans(target: Array) -> NDArray[np.bool_]:
         offset = target - centre
-        angle = np.arctan2(offset[..., 1], offset[..., 0])
+        angle = atan2(offset[..., 1], offset[..., 0])
         return np.asarray((angle - arcs.angle[:, None]) % _TURN <= arcs.sweep[:, None])
 
     foot = _nearest_on(centre, a, b)

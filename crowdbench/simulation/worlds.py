@@ -6,6 +6,7 @@ noise, and what is drawn for an episode stay in Python, in the lanes that need t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -237,9 +238,9 @@ class Worlds:
         people["radius"] = settings.radius
         begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
         ahead = people["goal"] - people["position"]
-        people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-        directions = np.column_stack([np.cos(heading), np.sin(heading)])
-        people["velocity"] = people["speed"][:, None] * directions
+        people["heading"] = headings = [math.atan2(y, x) for x, y in ahead.tolist()]
+        directions = np.array([(math.cos(heading), math.sin(heading)) for heading in headings])
+        people["velocity"] = people["speed"][:, None] * directions.reshape(-1, 2)
         return drawing
 
     def _draw(self) -> None:
