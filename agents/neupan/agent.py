@@ -9,7 +9,6 @@ which the original lacks.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections import deque
 from dataclasses import dataclass, fields, replace
@@ -110,7 +109,7 @@ def load_settings(path: Path = FOLDER / "config.yaml") -> Settings:
 class Neupan(crowdbench.Agent):
     """Drives by proximal alternating minimisation; counts what went wrong."""
 
-    version = "0.2.0"
+    version = "0.1.0"
 
     def __init__(
         self,
@@ -172,7 +171,7 @@ class Neupan(crowdbench.Agent):
         self._tracker = Tracker(robot.lidar_angles, robot.lidar_range, robot.control_period)
         self._controls = np.zeros((s.horizon, 2))
         patience = max(2, round(s.freeze_time / robot.control_period))
-        self._positions: deque[list[float]] = deque(maxlen=patience)
+        self._positions: deque[Array] = deque(maxlen=patience)
         self._escape, self._escape_steps = 0.0, 0
         self._counts = dict.fromkeys(("brakings", "recoveries"), 0)
 
@@ -182,8 +181,7 @@ class Neupan(crowdbench.Agent):
         points, moving = self._tracker.update(observation.lidar, observation.pose)
         if s.predict == "static":
             moving = np.zeros_like(moving)
-        # Points that are equally far stay in order: numpy's other sorts differ by processor there.
-        nearest = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[: s.scan_points]
+        nearest = np.argsort(np.linalg.norm(points, axis=1))[: s.scan_points]
         velocity = observation.velocity.astype(np.float64)
         bearing, length = self._path(observation, points)
         speed = min(s.reference_speed, self._limits.high[0])
@@ -191,7 +189,7 @@ class Neupan(crowdbench.Agent):
         # Turn first, then drive: a reference that runs ahead of the turn would call for an arc.
         wanted = self._drive(bearing, speed)[:, 0]
         along = np.minimum(np.cumsum(np.append(0.0, wanted)) * period, length)
-        direction = np.array([math.cos(bearing), math.sin(bearing)])
+        direction = np.array([np.cos(bearing), np.sin(bearing)])
         scene = Scene(
             points[nearest],
             moving[nearest],
@@ -234,13 +232,13 @@ class Neupan(crowdbench.Agent):
 
     def _path(self, observation: crowdbench.Observation, points: Array) -> tuple[float, float]:
         """Bearing [rad] and length [m] of the path: to the goal, or out of a freeze."""
-        s, pose = self._settings, observation.pose.tolist()
-        x, y = observation.goal.tolist()
-        bearing = math.atan2(y, x)
+        s, pose = self._settings, observation.pose.astype(np.float64)
+        x, y = observation.goal.astype(np.float64)
+        bearing = float(np.arctan2(y, x))
         self._positions.append(pose[:2])
         frozen = (
             len(self._positions) == self._positions.maxlen
-            and math.dist(self._positions[-1], self._positions[0]) < s.freeze_distance
+            and np.linalg.norm(self._positions[-1] - self._positions[0]) < s.freeze_distance
         )
         if self._escape_steps == 0 and frozen:
             self._counts["recoveries"] += 1
@@ -249,15 +247,15 @@ class Neupan(crowdbench.Agent):
             self._positions.clear()
         if self._escape_steps > 0:
             self._escape_steps -= 1
-            return self._escape - pose[2], math.inf
-        return bearing, math.hypot(x, y)
+            return float(self._escape - pose[2]), np.inf
+        return bearing, float(np.hypot(x, y))
 
     def _freest(self, points: Array, bearing: float) -> float:
         """Direction of a beam along which the robot can drive farthest [rad]."""
         angles = self._robot.lidar_angles
-        cosine, sine = np.cos(angles), np.sin(angles)
-        ahead = points[:, :1] * cosine + points[:, 1:] * sine
-        aside = np.abs(points[:, :1] * sine - points[:, 1:] * cosine)
+        beams = np.column_stack([np.cos(angles), np.sin(angles)])
+        ahead = points @ beams.T
+        aside = np.abs(points[:, :1] * beams[:, 1] - points[:, 1:] * beams[:, 0])
         blocked = (ahead > 0) & (aside < self._robot.radius + self._settings.d_min)
         free = np.min(np.where(blocked, ahead, FREE_ENOUGH), axis=0, initial=FREE_ENOUGH)
         return float(angles[np.argmax(free + 0.01 * np.cos(angles - bearing))])
@@ -268,7 +266,7 @@ class Neupan(crowdbench.Agent):
         period, heading = self._robot.control_period, 0.0
         for control in controls:
             off = (bearing - heading + np.pi) % (2 * np.pi) - np.pi
-            wanted = speed * max(0.0, math.cos(off)), off / period
+            wanted = speed * max(0.0, np.cos(off)), off / period
             control[:] = np.clip(wanted, self._limits.low, self._limits.high)
             heading += control[1] * period
         return controls

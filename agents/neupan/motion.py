@@ -9,10 +9,7 @@ robot were not there.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from crowdbench_agents.geometry.footprint import turned
 from crowdbench_agents.neupan.dune import Array
 from numpy.typing import NDArray
 
@@ -71,10 +68,10 @@ class Tracker:
         group = _groups(ranges, self._beams, hit, self._spacing, self._wraps, GROUP_GAP)
         points = ranges[:, None] * self._beams
         circles, standing = _bodies(points, group)
-        x, y, heading = pose.tolist()
-        cosine, sine = math.cos(heading), math.sin(heading)
-        centres = turned(circles[:, :2].copy(), cosine, -sine) + [x, y]
-        velocity = turned(self._follow(centres), cosine, sine)
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        to_odometry = np.array([[c, -s], [s, c]])
+        centres = circles[:, :2] @ to_odometry.T + np.asarray(pose[:2], dtype=np.float64)
+        velocity = self._follow(centres) @ to_odometry
         velocity[np.linalg.norm(velocity, axis=1) < STANDING] = 0.0
         rings = circles[:, None, :2] + circles[:, None, 2:] * self._ring
         still = points[standing]
@@ -86,8 +83,7 @@ class Tracker:
     def _follow(self, centres: Array) -> Array:
         """(B, 2) velocities of the bodies at (B, 2) centres, odometry frame; updates the filter."""
         self._state = np.einsum("ij,tja->tia", self._step, self._state)
-        moved = np.einsum("ij,tjk,lk->til", self._step, self._spread, self._step)
-        self._spread = moved + self._process
+        self._spread = self._step @ self._spread @ self._step.T + self._process
         self._unseen = self._unseen + self._period
         velocity = np.zeros_like(centres)
         distance = np.linalg.norm(self._state[:, None, 0] - centres[None], axis=2)
