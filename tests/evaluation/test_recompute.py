@@ -159,12 +159,7 @@ def test_episodes_of_another_world_are_refused_with_the_reason(folder, capsys):
     assert found.episodes == 0 and len(found.without_commands) == 1
     assert other in found.without_commands[0]
     left_out = f"8 rows are of {other.replace(';', ' and left out;')}"
-    place = f"tiny@{WORLD.digest}"
-    for arguments in (
-        ["replay", f"{place}:straight_line:0"],
-        ["record", place, "--agent", "straight_line"],
-        ["export"],
-    ):
+    for arguments in (["replay", f"tiny@{WORLD.digest}:straight_line:0"], ["export"]):
         assert main([*arguments, "--results", str(folder)]) == 2
         assert left_out in " ".join(capsys.readouterr().err.split()), arguments
     with contextlib.closing(sqlite3.connect(folder / FILE)) as database:
