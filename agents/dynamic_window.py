@@ -16,6 +16,8 @@ from typing import Annotated
 import numpy as np
 from crowdbench_agents.geometry.clusters import Tracker
 from crowdbench_agents.geometry.footprint import advance, point_gap, turned
+from crowdbench_agents.geometry.scan import ScanGeometry
+from crowdbench_agents.geometry.under_way import CommandsUnderWay, into_frame, relative
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -51,34 +53,36 @@ class DynamicWindow(crowdbench.Agent):
         """Forget the last episode; there is no randomness."""
         self._robot = robot
         self._tracker = Tracker(robot)
-        self._directions = np.column_stack([np.cos(robot.lidar_angles), np.sin(robot.lidar_angles)])
+        self._scan = ScanGeometry(robot)
+        self._under_way = CommandsUnderWay(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
-        """Return the best (v, w) of the window."""
-        robot = self._robot
+        """Return the best (v, w) of the window that opens when the command begins to act."""
+        robot, ahead = self._robot, self._under_way.foresee(observation)
         scene = self._tracker.update(observation)
-        x, y, heading = observation.pose.tolist()
+        x, y, heading = ahead.pose.tolist()
         cosine, sine = math.cos(heading), math.sin(heading)
         moving = scene.discs[scene.moving]
-        offset, velocity = moving[:, :2] - [x, y], np.ascontiguousarray(moving[:, 2:4])
+        velocity = np.ascontiguousarray(moving[:, 2:4])
+        places = moving[:, :2] + self._under_way.time * velocity
         discs = np.column_stack(
-            [turned(offset, cosine, sine), turned(velocity, cosine, sine), moving[:, 4]]
+            [turned(places - [x, y], cosine, sine), turned(velocity, cosine, sine), moving[:, 4]]
         )
-        still = self._tracker.without_moving(observation, scene)
-        hit = still < robot.lidar_range - 1e-3
+        still = self._scan.points(self._tracker.without_moving(observation, scene))
         limits = robot.acceleration or (np.inf, np.inf)
-        return _best(
-            *self._window(observation, limits),
+        best = _best(
+            *self._window(ahead, limits),
             limits[0],
             robot.control_period,
-            observation.goal.astype(float),
+            ahead.goal.astype(float),
             robot.speed[1],
             robot.length / 2,
             robot.width / 2,
-            still[hit, None] * self._directions[hit],
+            into_frame(still, relative(observation.pose.astype(float), ahead.pose.astype(float))),
             discs,
             self._weights,
         )
+        return self._under_way.send(best)
 
     def _window(
         self, observation: crowdbench.Observation, limits: tuple[float, float]

@@ -11,8 +11,11 @@ input         shape           type       meaning
 ``goal``      (2,)            float32    as in ``crowdbench.Observation``
 ``pose``      (3,)            float32    as in ``crowdbench.Observation``
 ``map``       (cells, cells)  uint8      the last eight scans as one obstacle map, see
-                                         ``crowdbench_agents.learning.perception``
+                                         ``crowdbench.ObstacleMap``
 ============  ==============  =========  ==========================================================
+
+With a ``map``, that, ``velocity`` and ``goal`` are as they will be when the action begins to act,
+which matters where commands act late (``robots.latency``).
 
 The output ``action`` (2,), float32, is what the robot's drive takes, for a differential one v [m/s]
 and w [rad/s]; other outputs are ignored.
@@ -30,8 +33,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from crowdbench_agents.geometry.under_way import CommandsUnderWay
 from crowdbench_agents.learning.config import Perception
-from crowdbench_agents.learning.perception import ObstacleMap
 from crowdbench_agents.learning.trained_robot import TrainedRobot, warn_of_other_robot
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
@@ -93,7 +96,7 @@ class Onnx(crowdbench.Agent):
         if self._trained is not None:
             self.drives = (self._trained.drive,)
         self._check_map()
-        self._map: ObstacleMap | None = None
+        self._map: crowdbench.ObstacleMap | None = None
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Forget the last episode; there is no randomness."""
@@ -106,7 +109,8 @@ class Onnx(crowdbench.Agent):
             warn_of_other_robot(f"the policy in {self._file}", self._trained, robot)
         if self._perception is not None and "map" in self._shapes:
             geometry = self._perception.geometry
-            self._map = ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
+            self._map = crowdbench.ObstacleMap(robot, geometry)
+        self._under_way = CommandsUnderWay(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the network's action."""
@@ -117,7 +121,9 @@ class Onnx(crowdbench.Agent):
             "pose": observation.pose,
         }
         if self._map is not None:
-            seen["map"] = self._map.update(observation.lidar, observation.pose)
+            ahead = self._under_way.foresee(observation)
+            seen["map"] = self._map.update(observation.lidar, observation.pose, ahead.pose)
+            seen["velocity"], seen["goal"] = ahead.velocity, ahead.goal
         given = {
             name: seen[name][None] if batched else seen[name]
             for name, batched in self._batched.items()
@@ -125,7 +131,7 @@ class Onnx(crowdbench.Agent):
         (action,) = self._session.run(["action"], given)
         if action.shape not in ((2,), (1, 2)):
             raise ValueError(f"{self._file}: output 'action' has the shape {action.shape}")
-        return action.reshape(2)
+        return self._under_way.send(action.reshape(2))
 
     def _has_batch_axis(self, node: NodeArg) -> bool:
         if node.name not in _INPUTS:

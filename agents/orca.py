@@ -17,6 +17,9 @@ from typing import Annotated
 import numpy as np
 from crowdbench_agents.geometry.clusters import Scene, Tracker
 from crowdbench_agents.geometry.footprint import arc_gap, line_gap
+from crowdbench_agents.geometry.scan import ScanGeometry
+from crowdbench_agents.geometry.steering import reachable, turn_towards
+from crowdbench_agents.geometry.under_way import CommandsUnderWay, into_frame, relative
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -51,35 +54,40 @@ class Orca(crowdbench.Agent):
         """Forget the last episode; there is no randomness."""
         self._robot = robot
         self._tracker = Tracker(robot)
-        self._beam_cos, self._beam_sin = np.cos(robot.lidar_angles), np.sin(robot.lidar_angles)
+        self._scan = ScanGeometry(robot)
+        self._under_way = CommandsUnderWay(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the command that follows the ORCA velocity best."""
-        robot = self._robot
-        x, y, heading = observation.pose.tolist()
+        robot, then = self._robot, self._under_way.foresee(observation)
+        x, y, heading = then.pose.tolist()
         cosine, sine = math.cos(heading), math.sin(heading)
         ahead, aside = np.array([cosine, sine]), np.array([-sine, cosine])
-        goal_x, goal_y = observation.goal.tolist()
+        goal_x, goal_y = then.goal.tolist()
         distance = max(math.hypot(goal_x, goal_y), 1e-6)
         speed = min(robot.speed[1], distance / robot.control_period)
         preferred = (goal_x * ahead + goal_y * aside) * speed / distance
         scene = self._tracker.update(observation)
         sideways = robot.drive == "omnidirectional"
-        moving = observation.velocity[0] * ahead
+        moving = then.velocity[0] * ahead
         if sideways:
-            moving = moving + observation.velocity[1] * aside
+            moving = moving + then.velocity[1] * aside
         wanted_x, wanted_y = self._avoid(np.array([x, y]), moving, preferred, scene).tolist()
         forward = cosine * wanted_x + sine * wanted_y
         left = cosine * wanted_y - sine * wanted_x
         # Braking is for what stands still: pedestrians are avoided better by moving.
-        still = self._tracker.without_moving(observation, scene)
+        points = into_frame(
+            self._scan.points(self._tracker.without_moving(observation, scene)),
+            relative(observation.pose.astype(float), then.pose.astype(float)),
+        )
+        velocity = then.velocity.astype(float)
         if sideways:
             forward = np.clip(forward, *robot.speed)
             left = np.clip(left, *robot.lateral_speed)
-            share = self._brake(line_gap, forward, left, still)
-            return share * forward, share * left
-        v, w = self._follow(forward, left)
-        return self._brake(arc_gap, v, w, still) * v, w
+            action = self._brake(line_gap, forward, left, velocity, points)
+        else:
+            action = self._brake(arc_gap, *self._follow(forward, left), velocity, points)
+        return self._under_way.send(action)
 
     def _avoid(
         self,
@@ -91,15 +99,16 @@ class Orca(crowdbench.Agent):
         """The ORCA velocity (2,) in the odometry frame [m/s]."""
         robot = self._robot
         moving, still = scene.discs[scene.moving], scene.discs[~scene.moving]
+        places = moving[:, :2] + self._under_way.time * moving[:, 2:4]
         out = np.empty((1, 2))
         crowdbench.orca_velocities(
             position[None],
             velocity[None],
             preferred[None],
             np.array([robot.speed[1]]),
-            robot.radius + self._margin,
+            np.array([robot.radius + self._margin]),
             np.ones((1, len(moving)), dtype=np.bool_),
-            np.ascontiguousarray(moving[:, :2]),
+            places,
             np.ascontiguousarray(moving[:, 2:4]),
             float(moving[:, 4].max(initial=0.0)),
             self._responsibility,
@@ -110,13 +119,13 @@ class Orca(crowdbench.Agent):
         )
         return out[0]
 
-    def _follow(self, forward: float, left: float) -> crowdbench.Action:
+    def _follow(self, forward: float, left: float) -> tuple[float, float]:
         """Turn towards a velocity in the robot frame, driving what of it lies ahead."""
         robot = self._robot
         bearing, speed = math.atan2(left, forward), math.hypot(forward, left)
         if speed < 0.02:
             return 0.0, 0.0
-        turn = float(np.clip(bearing / robot.control_period, *robot.turn_rate))
+        turn = float(np.clip(turn_towards(robot, bearing), *robot.turn_rate))
         # Halfway through the turn the robot faces the mean direction of this step.
         off = bearing - turn * robot.control_period / 2
         return speed * max(0.0, math.cos(off)), turn
@@ -126,26 +135,26 @@ class Orca(crowdbench.Agent):
         gap_of: Callable[..., float],
         first: float,
         second: float,
-        lidar: NDArray[np.floating],
-    ) -> float:
-        """The largest share of an action with which the coming step touches nothing seen.
+        velocity: NDArray[np.float64],
+        points: NDArray[np.float64],
+    ) -> tuple[float, float]:
+        """The largest share of an action with which the coming step touches no point.
 
-        Along an arc (``arc_gap``) the turn rate stays; along a line both speeds shrink.
+        Along an arc (``arc_gap``) the turn rate stays; along a line both speeds shrink. With limits
+        on its acceleration a robot that does ``velocity`` (2,) now does not do any action at once,
+        nor stops at once after the step.
         """
         robot = self._robot
-        for share in (1.0, 0.75, 0.5, 0.25):
-            gap = gap_of(
-                share * first,
-                second if gap_of is arc_gap else share * second,
-                robot.control_period,
-                4,
-                robot.length / 2,
-                robot.width / 2,
-                lidar,
-                self._beam_cos,
-                self._beam_sin,
-                robot.lidar_range,
-            )
+        limits = robot.acceleration or (np.inf, np.inf)
+        for share in (1.0, 0.75, 0.5, 0.25, 0.0):
+            action = share * first, second if gap_of is arc_gap else share * second
+            doing = reachable(robot, action, (velocity[0], velocity[1]))
+            braking = [abs(speed) / limit for speed, limit in zip(doing, limits, strict=True)]
+            # At this speed for as long as takes it as far as it gets while it brakes.
+            more = braking[0] / 2 if gap_of is arc_gap else max(braking) / 2
+            duration = robot.control_period + more
+            checks = 4 * math.ceil(duration / robot.control_period)
+            gap = gap_of(*doing, duration, checks, robot.length / 2, robot.width / 2, points)
             if gap > STOP:
-                return share
-        return 0.0
+                break
+        return action

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+from crowdbench_agents.geometry.steering import turn_towards
+from crowdbench_agents.geometry.under_way import CommandsUnderWay
+
 import crowdbench
 
 
@@ -19,12 +22,14 @@ class StraightLine(crowdbench.Agent):
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits."""
         self._robot = robot
+        self._under_way = CommandsUnderWay(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return full speed towards the goal, slower while turning to it."""
-        x, y = observation.goal.tolist()
+        goal = self._under_way.foresee(observation).goal
+        x, y = goal.tolist()
         if self._robot.drive == "omnidirectional":
-            return observation.goal * (self._robot.speed[1] / max(math.hypot(x, y), 1e-6))
+            return self._under_way.send(goal * (self._robot.speed[1] / max(math.hypot(x, y), 1e-6)))
         bearing = math.atan2(y, x)
-        turn = bearing / self._robot.control_period
-        return self._robot.speed[1] * max(0.0, math.cos(bearing)), turn
+        turn = turn_towards(self._robot, bearing)
+        return self._under_way.send((self._robot.speed[1] * max(0.0, math.cos(bearing)), turn))

@@ -87,7 +87,7 @@ def main() -> None:
     model, config, _ = load_world_model(arguments.weights)
     names = arguments.scenario or HARD
     if names == ["all"]:
-        names = crowdbench.scenario_names()
+        names = crowdbench.scenario_names("paper")
     console = Console()
     console.print(f"columns: {' '.join(names)}; {arguments.episodes} episodes each")
     for form in arguments.form:

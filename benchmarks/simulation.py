@@ -20,7 +20,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from crowdbench_agents.learning.perception import ObstacleMap
 from rich.console import Console
 from rich.table import Table
 
@@ -55,7 +54,7 @@ def map_microseconds(scenario: str) -> float:
     env = crowdbench.parallel_env(scenario)
     observation = env.reset(seed=0)[0]["robot_0"]
     robot = env.robot_spec()
-    stack = ObstacleMap(robot.lidar_angles, robot.lidar_range)
+    stack = crowdbench.ObstacleMap(robot)
     costs = []
     for _ in range(2_000):
         begin = time.perf_counter()

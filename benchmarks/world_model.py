@@ -33,12 +33,12 @@ from crowdbench_agents.latent_planner.world_model import Mlp, WorldModel, load_w
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config, Loss, load_config
 from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.noise import CorrelatedNoise
 from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.replay import NOBODY, Replay
 from crowdbench_agents.learning.seeds import WORLD_MODEL_TEST
-from crowdbench_agents.learning.vector_env import VectorEnv
 from rich.console import Console
 from scipy.stats import rankdata
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -51,7 +51,7 @@ FIRST_SEED, GEOMETRY_SEED = WORLD_MODEL_TEST[0], WORLD_MODEL_TEST[50_000_000]
 SUBSTEPS = 4  # of a control period, in which a gap is measured
 ENVIRONMENTS = 32
 
-Drive = Callable[[VectorEnv], np.ndarray]
+Drive = Callable[[Lanes], np.ndarray]
 """Actions (E, 2) in [-1, 1] of all environments."""
 
 
@@ -59,7 +59,7 @@ def wander(rng: np.random.Generator) -> Drive:
     """Towards the goals with correlated noise of standard deviation 1."""
     noise = CorrelatedNoise((ENVIRONMENTS, 2), 1.0, 0.9, rng)
 
-    def drive(envs: VectorEnv) -> np.ndarray:
+    def drive(envs: Lanes) -> np.ndarray:
         off = noise.step()
         bearing = np.arctan2(envs.sensed.goal[:, 1], envs.sensed.goal[:, 0])
         command = np.stack([0.7 + 0.4 * off[:, 0], 1.5 * bearing + off[:, 1]], axis=-1)
@@ -72,7 +72,7 @@ def policy_driver(model: WorldModel, rng: np.random.Generator) -> Drive:
     """The policy with correlated noise of standard deviation 0.3."""
     noise = CorrelatedNoise((ENVIRONMENTS, 2), 0.3, 0.8, rng)
 
-    def drive(envs: VectorEnv) -> np.ndarray:
+    def drive(envs: Lanes) -> np.ndarray:
         off = noise.step()
         with torch.no_grad():
             z = model.encode(Inputs(*map(torch.from_numpy, envs.sensed)))
@@ -84,18 +84,20 @@ def policy_driver(model: WorldModel, rng: np.random.Generator) -> Drive:
 def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
     """Least gaps [m] at constant velocities over the next H steps, and whether they collided."""
     drive, horizon = wander(np.random.default_rng(2)), config.planner.horizon
-    envs = VectorEnv(ENVIRONMENTS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry)
+    envs = Lanes(
+        ENVIRONMENTS, SCENARIOS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry
+    )
     everywhere = np.arange(ENVIRONMENTS)
     envs.begin(everywhere)
-    scenario = envs.environment(0).scenario
+    scenario = envs.env.scenarios[0]
     past: list[list[tuple]] = [[] for _ in everywhere]
     gaps, labels = [], []
     for _ in range(steps):
         command = envs.bounds.physical(drive(envs))
-        for i in everywhere:
-            past[i].append((envs.environment(int(i)).state(), command[i]))
-        result = envs.step(everywhere, command)
-        for i in everywhere:
+        for i in range(ENVIRONMENTS):
+            past[i].append((envs.env.state(i), command[i]))
+        result = envs.step(command)
+        for i in range(ENVIRONMENTS):
             collided = result.outcome[i] == "collision"
             # A collision is the label of every window that it cuts short, too.
             first = max(0, len(past[i]) - horizon)
@@ -106,7 +108,7 @@ def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
                     gaps.append(least_gap(window[0][0], [c for _, c in window], scenario))
                     labels.append(collided)
         over = np.flatnonzero(result.over)
-        for i in over:
+        for i in over.tolist():
             past[i].clear()
         envs.begin(over)
     return np.array(gaps), np.array(labels)
@@ -121,9 +123,9 @@ def least_gap(state: dict, commands: list[np.ndarray], scenario: crowdbench.Scen
         x, y, heading = advance(x, y, heading, v, w, duration)
         people += duration * state["pedestrian_velocity"]
         cosine, sine = np.cos(heading), np.sin(heading)
-        for px, py in people:
+        for (px, py), around in zip(people, state["pedestrian_radius"], strict=True):
             gap = point_gap(x, y, cosine, sine, robot.length / 2, robot.width / 2, px, py)
-            least = min(least, gap - scenario.pedestrians.radius)
+            least = min(least, gap - around)
     return least
 
 
@@ -131,14 +133,14 @@ def collect(
     transitions: int, config: Config, names: Sequence[str], drive: Drive
 ) -> tuple[Replay, Replay]:
     """Drive with noise; the last tenth is for testing."""
-    envs = VectorEnv(ENVIRONMENTS, _episodes(FIRST_SEED, names), config.perception.geometry)
+    envs = Lanes(ENVIRONMENTS, names, _episodes(FIRST_SEED, names), config.perception.geometry)
     steps = transitions // ENVIRONMENTS
     replays = [Replay(ENVIRONMENTS, steps * 2, config.perception.cells) for _ in range(2)]
     everywhere, nobody = np.arange(ENVIRONMENTS), np.full(ENVIRONMENTS, NOBODY, np.uint8)
     envs.begin(everywhere)
     for step in range(steps):
-        action, before = drive(envs), envs.sensed.copy()
-        result = envs.step(everywhere, envs.bounds.physical(action))
+        action, before = drive(envs), envs.sensed
+        result = envs.step(envs.bounds.physical(action))
         replay = replays[step >= 0.9 * steps]
         replay.append_step(everywhere, before, action, result, action, nobody, envs.sensed)
         envs.begin(np.flatnonzero(result.over))
@@ -266,7 +268,7 @@ def main() -> None:
     began = time.perf_counter()
     names = arguments.scenario or SCENARIOS
     if names == ["all"]:
-        names = crowdbench.scenario_names()
+        names = crowdbench.scenario_names("paper")
     driver = arguments.driver
     rng = np.random.default_rng(0)
     drive = policy_driver(load_world_model(driver)[0], rng) if driver else wander(rng)

@@ -8,7 +8,10 @@ The names in ``__all__`` are the public interface:
   several robots (a ``CrowdParallelVectorEnv``);
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
-- scenarios: ``load_scenario`` reads a ``Scenario``, ``scenario_names`` lists them;
+- ``ObstacleMap``: scans of the last steps as one image, laid out by a ``MapGeometry``;
+  ``ObstacleMaps`` are those of many robots;
+- scenarios: ``load_scenario`` reads a ``Scenario``; ``scenario_names`` and ``scenario_tiers`` list
+  them;
 - ``read_yaml``: a configuration file of an agent, read as strictly as scenarios are;
 - ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
 - extensions: a ``Drive`` gives a robot's actions their meaning, a ``WalkingModel`` says how a
@@ -32,6 +35,7 @@ from crowdbench.scenario import (
     ScenarioError,
     load_scenario,
     scenario_names,
+    scenario_tiers,
 )
 from crowdbench.strict_yaml import YamlError, read_yaml
 
@@ -41,6 +45,7 @@ if TYPE_CHECKING:
     from crowdbench.simulation.env import CrowdEnv, parallel_env
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
+    from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMap, ObstacleMaps
     from crowdbench.simulation.orca import orca_velocities
     from crowdbench.simulation.parallel_vector_env import (
         CrowdParallelVectorEnv,
@@ -58,7 +63,10 @@ _LAZY = {
     "CrowdVectorEnv": "crowdbench.simulation.vector_env",
     "Drive": "crowdbench.simulation.kinematics",
     "Episode": "crowdbench.evaluation.episode",
+    "MapGeometry": "crowdbench.simulation.obstacle_map",
     "Metric": "crowdbench.evaluation.metric",
+    "ObstacleMap": "crowdbench.simulation.obstacle_map",
+    "ObstacleMaps": "crowdbench.simulation.obstacle_map",
     "orca_velocities": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
     "parallel_env": "crowdbench.simulation.env",
@@ -78,9 +86,12 @@ __all__ = [
     "CrowdVectorEnv",
     "Drive",
     "Episode",
+    "MapGeometry",
     "Metric",
     "NoRoomError",
     "Observation",
+    "ObstacleMap",
+    "ObstacleMaps",
     "RobotSpec",
     "Scenario",
     "ScenarioError",
@@ -92,6 +103,7 @@ __all__ = [
     "parallel_vector_env",
     "read_yaml",
     "scenario_names",
+    "scenario_tiers",
     "vector_env",
 ]
 

@@ -65,8 +65,15 @@ class RobotSpec:
         acceleration: limits on the change of either number of an action in a second, or None.
         control_period: time between two actions [s].
         goal_tolerance: distance at which the goal counts as reached [m].
-        lidar_angles: (beams,) direction of each beam from the heading [rad], left positive.
+        lidar_angles: (beams,) direction of each beam from the robot's heading [rad], left positive.
         lidar_range: distance a beam reports when it hits nothing [m].
+        latency: whole control periods until a command acts; those under way are not observed, but
+            an agent can remember what it asked for. Before the first one acts the robot stands.
+        lidar_mount: where on the robot the beams begin, x ahead, y left [m], and how far the LiDAR
+            is turned to the left [rad], which ``lidar_angles`` have in them.
+        goal: where the robot has to get in this episode: x, y [m] in the frame of ``pose``, its own
+            at the start; None where no episode is meant. On a map, the observed ``goal`` is a point
+            on the way there.
     """
 
     name: str
@@ -81,6 +88,9 @@ class RobotSpec:
     goal_tolerance: float
     lidar_angles: NDArray[np.float64]
     lidar_range: float
+    latency: int = 0
+    lidar_mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goal: tuple[float, float] | None = None
 
     @classmethod
     def from_scenario(cls, scenario: Scenario, name: str = "robot_0") -> RobotSpec:
@@ -97,8 +107,10 @@ class RobotSpec:
             acceleration=robots.acceleration,
             control_period=scenario.control_period,
             goal_tolerance=robots.goal_tolerance,
-            lidar_angles=lidar_angles(scenario),
+            lidar_angles=lidar_angles(scenario) + scenario.lidar.mount[2],
             lidar_range=scenario.lidar.range,
+            latency=robots.latency,
+            lidar_mount=scenario.lidar.mount,
         )
 
     @property
@@ -114,7 +126,7 @@ class RobotSpec:
 
 
 def lidar_angles(scenario: Scenario) -> NDArray[np.float64]:
-    """(beams,) beam directions from the heading [rad].
+    """(beams,) beam directions from the LiDAR's own heading [rad].
 
     A full circle starts ahead and goes counter-clockwise; a narrower field of view goes from its
     right edge to its left edge.
@@ -130,10 +142,12 @@ class Observation:
     """What the robot senses at one control step.
 
     Attributes:
-        lidar: (beams,) float32 distances from the robot's centre [m].
+        lidar: (beams,) float32 distances from the LiDAR, ``RobotSpec.lidar_mount`` [m].
         velocity: (2,) float32 what the drive does now, in the terms of an action.
-        goal: (2,) float32 goal in the robot frame, x ahead, y left [m].
-        pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero.
+        goal: (2,) float32 goal in the robot frame, x ahead, y left [m]; on a map, the point ahead
+            on the shortest path to it.
+        pose: (3,) float32 odometry since reset: x, y [m], heading [rad]; starts at zero, and drifts
+            where the scenario says so.
         state: everything about the world (``CrowdEnv.state()``); None unless the agent is
             privileged.
     """

@@ -128,7 +128,12 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
 
 def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     places = list(_walk(item["loc"], model))
-    field = ".".join(part for part in item["loc"] if isinstance(part, str))
+    # Numbers tell the sections of a list apart; the last one is a place in a pair.
+    *sections, last = item["loc"] or ("",)
+    words = [str(part) for part in sections] + [last] * isinstance(last, str)
+    if item["type"] != "extra_forbidden":  # a union's branches have names in brackets
+        words = [word for word in words if not word.startswith("<")]
+    field = ".".join(words)
     field = field if len(field) <= MAX_LENGTH else f"{field[: MAX_LENGTH - 3]}..."
     value = short(item["input"])
     if item["type"] == "extra_forbidden":
@@ -138,13 +143,22 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     if item["type"] == "invalid_key":
         section = f"{'.'.join(map(str, item['loc'][:-1]))}: " if item["loc"][:-1] else ""
         return f"{section}the key {short(item['input'])} is not a name"
+    annotation, metadata = places[-1]
     if item["type"] == "value_error":
         text = str(item["ctx"]["error"])
-        return f"{field}: {text}" if field else text
-    annotation, metadata = places[-1]
+        # What a section as a whole complains of begins with the name of a field.
+        whole = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+        return f"{field}{'.' if whole else ': '}{text}" if field else text
     if item["type"] in _OUT_OF_RANGE:
+        union = get_origin(annotation) in (Union, types.UnionType)
         limits = _limits(_unwrapped(annotation, metadata)[1])
+        limits = allowed(annotation, metadata) if union else limits
         return f"{field}: {value} is out of range; allowed: {limits}"
+    if item["type"] == "missing":
+        return f"{field}: missing; expected {allowed(annotation, metadata)}"
+    if item["type"] == "too_long" and any(hasattr(limit, "max_length") for limit in metadata):
+        longest, length = item["ctx"]["max_length"], item["ctx"]["actual_length"]
+        return f"{field}: {length} are too many; allowed: {longest} at most"
     if isinstance(item["loc"][-1] if item["loc"] else None, int):
         annotation, metadata = places[-2]
     return f"{field or model.__name__}: expected {allowed(annotation, metadata)} (got {value})"

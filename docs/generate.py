@@ -29,25 +29,33 @@ def write(folder: Path) -> None:
 
 
 def _fields() -> Iterator[str]:
-    """A table per section of a scenario."""
+    """A table per section of a scenario, and per section within one."""
     schema = crowdbench.Scenario.model_json_schema()
-    sections = {
-        key: schema["$defs"][value["$ref"].rpartition("/")[2]]
-        for key, value in schema["properties"].items()
-        if "$ref" in value
-    }
-    top = {key: value for key, value in schema["properties"].items() if key not in sections}
-    yield from _table("At the top", {"properties": top})
-    for name, section in sections.items():
-        yield from _table(f"`{name}`", section)
+    yield from _tables("", schema, schema["$defs"])
 
 
-def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
+def _tables(name: str, section: dict[str, Any], known: dict[str, Any]) -> Iterator[str]:
+    within = {key: _section_of(field) for key, field in section["properties"].items()}
+    own = {key: field for key, field in section["properties"].items() if not within[key]}
+    about = section.get("description", "") if name else ""
+    yield from _table(f"`{name}`" if name else "At the top", about, own)
+    for key, title in within.items():
+        if title:
+            yield from _tables(f"{name}.{key}" if name else key, known[title], known)
+
+
+def _section_of(field: dict[str, Any]) -> str:
+    """The name of the schema of a section, or of a list of such; empty for anything else."""
+    reference = field.get("$ref") or field.get("items", {}).get("$ref", "")
+    return str(reference.rpartition("/")[2])
+
+
+def _table(heading: str, about: str, fields: dict[str, Any]) -> Iterator[str]:
     yield f"## {heading}\n"
-    yield section.get("description", "") + "\n"
+    yield about + "\n"
     yield "| field | default | allowed | meaning |"
     yield "|---|---|---|---|"
-    for key, field in section["properties"].items():
+    for key, field in fields.items():
         default = f"`{_text(field['default'])}`" if field.get("default", "") != "" else ""
         meaning = field.get("description", "").replace("|", r"\|")
         yield f"| `{key}` | {default} | {_allowed(field)} | {meaning} |"
@@ -57,15 +65,17 @@ def _table(heading: str, section: dict[str, Any]) -> Iterator[str]:
 def _allowed(field: dict[str, Any]) -> str:
     if "enum" in field:
         return ", ".join(f"`{word}`" for word in field["enum"])
-    if "anyOf" in field:
-        return " or ".join(_allowed(option) for option in field["anyOf"])
+    if options := field.get("anyOf") or field.get("oneOf"):
+        return " or ".join(map(_allowed, options))
     if "prefixItems" in field:
-        return f"two numbers, {_allowed(field['prefixItems'][0])}"
+        count = {2: "two", 3: "three", 4: "four"}[len(field["prefixItems"])]
+        return f"{count} numbers, {_allowed(field['prefixItems'][0])}".removesuffix(", any number")
     if "minimum" in field and "maximum" in field:
         return f"{field['minimum']:g} to {field['maximum']:g}"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}
     limits = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
     kinds = {"null": "`null`", "string": "text", "number": "any number"}
+    kinds |= {"array": "a list", "object": "a section"}
     return ", ".join(limits) or kinds[field["type"]]
 
 

@@ -1,6 +1,14 @@
 """Bodies put elsewhere before anything moves, for tests of contacts."""
 
 from pymunk._chipmunk import ffi, lib
+from shapely.affinity import rotate, translate
+from shapely.geometry import box
+
+
+def footprint(pose):
+    """The default robot's rectangle at a pose, by shapely."""
+    turned = rotate(box(-0.2, -0.15, 0.2, 0.15), pose[2], origin=(0, 0), use_radians=True)
+    return translate(turned, pose[0], pose[1])
 
 
 def turn(world, robot, angle):

@@ -1,5 +1,6 @@
-"""Episodes as short as can be, of one cell."""
+"""Episodes as short as can be, of one cell, and a scenario of such."""
 
+from crowdbench import load_scenario
 from crowdbench.evaluation.results import Cell, Result
 from crowdbench.simulation import WORLD_VERSION
 
@@ -11,6 +12,15 @@ CELL = Cell(
     world=WORLD_VERSION,
     weights_sha256="",
     code="a file",
+)
+
+TINY = load_scenario(
+    "multimodal_fast",
+    name="tiny",
+    time_limit=1.2,
+    arena={"length": 6, "width": 6},
+    robots={"travel": 4},
+    pedestrians={"count": 2, "leg": 2},
 )
 
 

@@ -22,6 +22,7 @@ PAGES = [
     "docs/onnx.md",
     "docs/minari.md",
     "docs/write_a_scenario.md",
+    "docs/maps.md",
     "docs/add_a_walking_model.md",
     "docs/add_a_drive.md",
     "docs/several_robots.md",

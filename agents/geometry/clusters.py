@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from crowdbench_agents.geometry.footprint import turned
+from crowdbench_agents.geometry.scan import ScanGeometry
 from numpy.typing import NDArray
 
 import crowdbench
@@ -64,6 +65,7 @@ class Tracker:
     def __init__(self, robot: crowdbench.RobotSpec) -> None:
         """Begin without any memory."""
         angles = robot.lidar_angles
+        self._geometry = ScanGeometry(robot)
         self._cos, self._sin = np.cos(angles), np.sin(angles)
         self._step = float(abs(angles[1] - angles[0])) if len(angles) > 1 else 2 * np.pi
         # Only with a full circle the last beam is a neighbour of the first.
@@ -77,7 +79,7 @@ class Tracker:
         """Take in the next scan."""
         found, segments = _clusters(
             observation.lidar.astype(np.float64),
-            observation.pose.astype(np.float64),
+            self._geometry.origin(observation.pose.astype(np.float64)),
             self._cos,
             self._sin,
             self._range,
@@ -92,17 +94,20 @@ class Tracker:
     ) -> NDArray[np.float64]:
         """(beams,) the scan as if the moving discs of its scene were not there [m]."""
         lidar = observation.lidar.astype(np.float64)
-        x, y, heading = observation.pose.tolist()
+        x, y, heading = self._geometry.origin(observation.pose.astype(np.float64)).tolist()
         centres = scene.discs[scene.moving, :2] - [x, y]
         centres = turned(centres, math.cos(heading), math.sin(heading))
-        points = lidar[:, None] * np.column_stack([self._cos, self._sin])
+        points = lidar[:, None] * self._geometry.directions
         gaps = np.linalg.norm(points[:, None] - centres, axis=2) - scene.discs[scene.moving, 4]
         return np.where((np.abs(gaps) < OF_DISC).any(axis=1), self._range, lidar)
 
 
 @compiled()
 def _clusters(lidar, pose, beam_cos, beam_sin, reach, step, circle):
-    """Discs (N, 4): x, y, radius, whether fitted; segments (S, 4) of the long clusters."""
+    """Discs (N, 4): x, y, radius, whether fitted; segments (S, 4) of the long clusters.
+
+    Beams begin at ``pose``, and their directions are from its heading.
+    """
     beams = len(lidar)
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     points = np.empty((beams, 2))

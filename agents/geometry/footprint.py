@@ -81,41 +81,34 @@ def wall_gap(x, y, cosine, sine, half_length, half_width, wall):
 
 
 @compiled()
-def arc_gap(v, w, duration, checks, half_length, half_width, lidar, beam_cos, beam_sin, reach):
-    """Least distance from the robot to what a scan shows while it drives an arc [m].
+def arc_gap(v, w, duration, checks, half_length, half_width, points):
+    """Least distance from the robot to points (N, 2) while it drives an arc [m]; inf without any.
 
-    The arc (v [m/s], w [rad/s]) begins where the scan was taken; what is seen is taken to stand
-    still. inf where nothing is seen.
+    The arc (v [m/s], w [rad/s]) begins at the origin.
     """
     least = np.inf
     for i in range(1, checks + 1):
         x, y, heading = advance(0.0, 0.0, 0.0, v, w, duration * i / checks)
-        gap = _scan_gap(x, y, heading, half_length, half_width, lidar, beam_cos, beam_sin, reach)
-        least = min(least, gap)
+        least = min(least, _points_gap(x, y, heading, half_length, half_width, points))
     return least
 
 
 @compiled()
-def line_gap(
-    ahead, left, duration, checks, half_length, half_width, lidar, beam_cos, beam_sin, reach
-):
+def line_gap(ahead, left, duration, checks, half_length, half_width, points):
     """The same as ``arc_gap`` for a robot that goes straight, at these speeds [m/s]."""
     least = np.inf
     for i in range(1, checks + 1):
         x, y = ahead * duration * i / checks, left * duration * i / checks
-        gap = _scan_gap(x, y, 0.0, half_length, half_width, lidar, beam_cos, beam_sin, reach)
-        least = min(least, gap)
+        least = min(least, _points_gap(x, y, 0.0, half_length, half_width, points))
     return least
 
 
 @compiled()
-def _scan_gap(x, y, heading, half_length, half_width, lidar, beam_cos, beam_sin, reach):
-    """Distance from the robot at a pose to what was seen from the origin [m]."""
+def _points_gap(x, y, heading, half_length, half_width, points):
+    """Distance from the robot at a pose to the nearest point [m]."""
     cosine, sine = math.cos(heading), math.sin(heading)
     least = np.inf
-    for b in range(len(lidar)):
-        if lidar[b] < reach - 1e-3:
-            px, py = lidar[b] * beam_cos[b], lidar[b] * beam_sin[b]
-            gap = point_gap(x, y, cosine, sine, half_length, half_width, px, py)
-            least = min(least, gap)
+    for i in range(len(points)):
+        gap = point_gap(x, y, cosine, sine, half_length, half_width, points[i, 0], points[i, 1])
+        least = min(least, gap)
     return least

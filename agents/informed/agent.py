@@ -148,15 +148,12 @@ def _predict(
     here, still = np.empty((1, 2)), np.zeros((1, 2))
     here[0, 0], here[0, 1] = robot_pose[me, 0], robot_pose[me, 1]
     arrived = np.full(people, np.inf)
-    # Scenarios have pedestrians of one size, and so has the model by which they walk.
-    widest = 0.0
     # Element by element: numba compiles numpy's message about shapes for assigned rows.
     for p in range(people):
         sees[p, 0] = courteous[p]
         future[0, p, 0], future[0, p, 1] = position[p, 0], position[p, 1]
         for row in range(len(future)):
             future[row, p, 2] = radius[p]
-        widest = max(widest, radius[p])
     for step in range(HORIZON):
         now = time + step * period
         for p in range(people):
@@ -170,7 +167,7 @@ def _predict(
             preferred[p, 0] = pace * dx / distance if distance > 0.0 else 0.0
             preferred[p, 1] = pace * dy / distance if distance > 0.0 else 0.0
         orca_velocities(
-            position, velocity, preferred, speed, widest, sees, here, still,
+            position, velocity, preferred, speed, radius, sees, here, still,
             robot_radius, 0.5, obstacles, walls, period, out,
         )  # fmt: skip
         for p in range(people):

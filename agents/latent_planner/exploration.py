@@ -18,12 +18,11 @@ from crowdbench_agents.latent_planner.plan_queue import PlanQueue
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning import kind
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.inputs import ActionBounds, Inputs
+from crowdbench_agents.learning.inputs import ActionBounds, Inputs, Sensed
 from crowdbench_agents.learning.kind import Acts
 from crowdbench_agents.learning.noise import CorrelatedNoise
 from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.replay import NOBODY, PLANNER
-from crowdbench_agents.learning.vector_env import Sensed
 from numpy.typing import NDArray
 
 

@@ -22,7 +22,6 @@ from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.inputs import Inputs
 from crowdbench_agents.learning.precision import training_precision
-from crowdbench_agents.learning.stopwatch import Stopwatch
 from crowdbench_agents.learning.validation import Act, PolicyInput
 from numpy.typing import NDArray
 from torch import Tensor
@@ -45,18 +44,12 @@ class Learner(kind.Learner):
     """
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
-        torch.manual_seed(seed)
-        self.config, self.device = config, device
+        super().__init__(config, seed, device)
         self.count, self.horizon = config.training.batch, config.planner.horizon
-        self.watch = Stopwatch()
-        self.generator = torch.Generator().manual_seed(seed)
-        self.model = make_world_model(config).to(device)
+        self.network = self.model = make_world_model(config).to(device)
         self.target = copy.deepcopy(self.model).requires_grad_(False)
         self._q_scale = torch.ones((), device=device)
         self._quantiles = torch.tensor([0.05, 0.95], device=device)
-        self.updates = 0
-        entropy = max(config.loss.entropy, 1e-8)
-        self.log_alpha = torch.tensor(math.log(entropy), device=device, requires_grad=True)
         self._parameters = {
             "encoder": list(self.model.encoder.parameters()),
             "rollout": [
@@ -73,34 +66,21 @@ class Learner(kind.Learner):
             {"params": fast},
         ]
         policy = self._parameters["policy"]
-        self._optimizers = {
+        optimizers = {
             "model": torch.optim.Adam(groups, lr=rates.learning_rate, fused=True),
             "policy": torch.optim.Adam(policy, lr=rates.learning_rate, fused=True),
             "alpha": torch.optim.Adam([self.log_alpha], lr=rates.learning_rate),
         }
-        self._rates = {
-            name: [group["lr"] for group in optimizer.param_groups]
-            for name, optimizer in self._optimizers.items()
-        }
+        self._learn({"model": self.model, "target": self.target}, optimizers)
         self._model_loss, self._policy_loss = model_loss, policy_loss
         if device.type != "cpu":  # on a CPU compiling takes minutes and saves little
             self._model_loss = torch.compile(model_loss, dynamic=False)
             self._policy_loss = torch.compile(policy_loss, dynamic=False)
 
     @property
-    def network(self) -> WorldModel:
-        """The world model."""
-        return self.model
-
-    @property
     def q_scale(self) -> float:
         """What Q is divided by in the policy's loss."""
         return float(self._q_scale)
-
-    @property
-    def alpha(self) -> float:
-        """Entropy coefficient."""
-        return float(self.log_alpha.detach().exp())
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         """One step of the world model and one of the policy.
@@ -120,7 +100,7 @@ class Learner(kind.Learner):
         batch = batch.to(self.device)
         shape = batch.action.shape
         with watch("encoder"), self.precision():
-            targets = encode_targets(self.target, batch, loss, self._noise(shape))
+            targets = encode_targets(self.target, batch, loss, self._noise(*shape))
             z = model.encode(Inputs(*(x[0] for x in batch.inputs)))
         start = z.detach().requires_grad_()
         with watch("rollout"):
@@ -140,7 +120,7 @@ class Learner(kind.Learner):
             terms["model_gradient"] = self._step("model", trained, gradients)
         with watch("policy"):
             terms |= self._update_policy(result, batch, expert_weight)
-            self._update_target()
+            self._update_target(self.target, self.model)
         self.updates += 1
         return terms
 
@@ -149,7 +129,7 @@ class Learner(kind.Learner):
     ) -> dict[str, Tensor]:
         loss, alpha = self.config.loss, self.log_alpha.detach().exp()
         with self.precision():
-            drawn = squash(*result.policy, self._noise(batch.action.shape))
+            drawn = squash(*result.policy, self._noise(*batch.action.shape))
             actor = self._policy_loss(
                 self.model, result.states, drawn, batch, loss, alpha, self._q_scale, expert_weight
             )
@@ -208,36 +188,13 @@ class Learner(kind.Learner):
 
     def state(self) -> dict[str, Any]:
         """Everything needed to continue, as tensors and numbers."""
-        return {
-            "model": self.model.state_dict(),
-            "target": self.target.state_dict(),
-            "optimizers": {name: o.state_dict() for name, o in self._optimizers.items()},
-            "log_alpha": self.log_alpha.detach().clone(),
-            "q_scale": self._q_scale,
-            "updates": self.updates,
-            "generator": self.generator.get_state(),
-        }
+        return {**super().state(), "q_scale": self._q_scale}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned."""
-        self.model.load_state_dict(state["model"])
-        self.target.load_state_dict(state["target"])
-        for name, optimizer in self._optimizers.items():
-            optimizer.load_state_dict(state["optimizers"][name])
+        super().restore(state)
         with torch.no_grad():
-            self.log_alpha.copy_(state["log_alpha"])
             self._q_scale.copy_(state["q_scale"])
-        self.updates = state["updates"]
-        self.generator.set_state(state["generator"])
-
-    def _set_learning_rates(self) -> None:
-        factor = self.config.learning_rate_factor(self.updates)
-        for name, optimizer in self._optimizers.items():
-            for group, rate in zip(optimizer.param_groups, self._rates[name], strict=True):
-                group["lr"] = rate * factor
-
-    def _noise(self, shape: torch.Size) -> Tensor:
-        return torch.randn(shape, generator=self.generator).to(self.device)
 
     def _step(self, name: str, parameters: Sequence[Tensor], gradients: Sequence[Tensor]) -> Tensor:
         for parameter, gradient in zip(parameters, gradients, strict=True):
@@ -245,13 +202,6 @@ class Learner(kind.Learner):
         norm = torch.nn.utils.clip_grad_norm_(parameters, self.config.training.gradient_clip)
         self._optimizers[name].step()
         return norm
-
-    @torch.no_grad()
-    def _update_target(self) -> None:
-        rate = self.config.training.target_rate
-        slow: list[Tensor] = list(self.target.parameters())
-        fast: list[Tensor] = list(self.model.parameters())
-        torch._foreach_lerp_(slow, fast, rate)
 
 
 def policy_act(model: WorldModel, device: torch.device = CPU) -> Act:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from crowdbench_agents.learning.perception import ObstacleMap
+from crowdbench_agents.geometry.under_way import CommandsUnderWay
 from crowdbench_agents.learning.trained_robot import TrainedRobot, warn_of_other_robot
 from numpy.typing import NDArray
 
@@ -61,20 +61,25 @@ class LearnedAgent(crowdbench.Agent):
 
         warn_of_other_robot(self._name, self._trained, robot)
         geometry = self._config.perception.geometry
-        self._map = ObstacleMap(robot.lidar_angles, robot.lidar_range, geometry)
+        self._map = crowdbench.ObstacleMap(robot, geometry)
+        self._under_way = CommandsUnderWay(robot)
         self._bounds = ActionBounds.of(robot)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
-        """Add the scan to the map and return what the networks make of it."""
+        """Add the scan to the map and return what the networks make of it.
+
+        They see everything from where the robot will be when the action begins to act.
+        """
         import torch
         from crowdbench_agents.learning.inputs import Inputs
 
-        maps = self._map.update(observation.lidar, observation.pose)
-        arrays = (maps, observation.velocity, observation.goal)
+        ahead = self._under_way.foresee(observation)
+        maps = self._map.update(observation.lidar, observation.pose, ahead.pose)
+        arrays = (maps, ahead.velocity, ahead.goal)
         with _one_thread():
             action = self._choose(Inputs(*(torch.from_numpy(array[None]) for array in arrays)))
         # The mean of several plans at the bounds may lie beyond them by rounding.
-        return self._bounds.physical(action.clip(-1, 1))
+        return self._under_way.send(self._bounds.physical(action.clip(-1, 1)))
 
     @abstractmethod
     def _choose(self, inputs: Inputs) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -207,6 +208,8 @@ def run_name(name: str) -> str:
 def run_folder(folder: Path, resume: bool) -> Iterator[None]:
     """Make a run's folder and keep other processes out of it.
 
+    A run that begins finds no replay of one that ended before its first checkpoint.
+
     Raises:
         TrainingError: there is a run and ``resume`` is not asked for, or the reverse, another
             process is training it, or the folder cannot be written to.
@@ -227,6 +230,8 @@ def run_folder(folder: Path, resume: bool) -> Iterator[None]:
         os.close(lock)
         raise TrainingError(f"{folder}: another process is training this run") from None
     try:
+        if not resume and (folder / "replay").exists():
+            shutil.rmtree(folder / "replay")
         yield
     finally:
         os.close(lock)

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from crowdbench_agents.learning.perception import MapGeometry
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -60,9 +59,9 @@ class Perception(_Section):
     ahead: NonNegative = Field(4.0, description="from the robot to the front edge [m]")
 
     @property
-    def geometry(self) -> MapGeometry:
+    def geometry(self) -> crowdbench.MapGeometry:
         """Where the map lies in the robot frame."""
-        return MapGeometry(self.cells, self.size, self.ahead)
+        return crowdbench.MapGeometry(self.cells, self.size, self.ahead)
 
 
 class Model(_Section):

@@ -7,6 +7,7 @@ collisions come about. What is kept as the reference to imitate is the action wi
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,17 +15,18 @@ import numpy as np
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.detour import Detour
 from crowdbench_agents.learning.experts import Experts
+from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.noise import CorrelatedNoise
-from crowdbench_agents.learning.perception import MapGeometry
 from crowdbench_agents.learning.replay import EXPERT, Replay
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS, joint_digest, scenario_digests
 from crowdbench_agents.learning.seeds import DEMONSTRATIONS
-from crowdbench_agents.learning.vector_env import VectorEnv
+from crowdbench_agents.learning.shared import FileLock
 from numpy.typing import NDArray
 
 import crowdbench
 
 LANES = 8
+LOOK = 1.0  # between looks whether another run has recorded all [s]
 BURST = 10  # steps between decisions whether noise is added
 NOISE = 0.7  # std of the noise in a burst, actions in [-1, 1]
 NOISE_CORRELATION = 0.8
@@ -46,94 +48,79 @@ def open_replay(folder: Path, config: Config, robot: crowdbench.RobotSpec, socia
     return Replay(count, rows, config.perception.cells, social, detour, folder / "replay")
 
 
-def open_demonstrations(
-    folder: Path,
-    config: Config,
-    robot: crowdbench.RobotSpec,
-    social: bool,
-    progress: Callable[[int], None],
-) -> Replay | None:
-    """The demonstrations for a run in ``folder``, where it has some.
+class Demonstrations(Replay):
+    """The demonstrations of all runs in a folder: one for each expert, number and set of scenarios.
 
     Args:
-        folder, config, robot, social: as above.
-        progress: called with the number of transitions there are, while some are missing.
+        runs: the folder of all runs, in which they are kept.
+        config: all settings.
+        robot: that is trained with.
+        social: whether sampled rewards include the social term.
     """
-    settings = config.training
-    if not settings.demonstrations:
-        return None
-    return load_demonstrations(
-        folder.parent, settings.expert, settings.demonstrations, config.perception.geometry, social,
-        Detour(settings.detour_price, robot.control_period), progress,
-    )  # fmt: skip
 
+    def __init__(
+        self, runs: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
+    ) -> None:
+        settings = config.training
+        self._expert, self._wanted = settings.expert, settings.demonstrations
+        self._geometry = config.perception.geometry
+        digest = joint_digest(scenario_digests(TRAINING_SCENARIOS))
+        self._folder = runs / f"demonstrations-{self._expert}-{self._wanted}-{digest}"
+        # An episode that has begun is driven to its end, which takes some more rows.
+        rows = -(-self._wanted // LANES) + 400
+        detour = Detour(settings.detour_price, robot.control_period)
+        super().__init__(LANES, rows, self._geometry.cells, social, detour, self._folder)
 
-def load_demonstrations(
-    runs: Path,
-    expert: str,
-    transitions: int,
-    geometry: MapGeometry,
-    social: bool,
-    detour: Detour,
-    progress: Callable[[int], None],
-) -> Replay:
-    """Open the demonstrations, recording what is missing of them.
+    def record(self, progress: Callable[[int], None], stopping: Callable[[], bool]) -> None:
+        """Record what is missing, going on with what was interrupted.
 
-    Args:
-        runs: the folder of all runs, in which they are kept by expert, number and digest of the
-            scenarios they show; a recording that was interrupted goes on.
-        expert: name of an agent.
-        transitions: how many.
-        geometry: of the obstacle maps.
-        social, detour: what the sampled rewards are made of, as in ``Replay``.
-        progress: called with the number of transitions there are, while some are missing.
-    """
-    # An episode that has begun is driven to its end, which takes some more rows.
-    digest = joint_digest(scenario_digests(TRAINING_SCENARIOS))
-    folder = runs / f"demonstrations-{expert}-{transitions}-{digest}"
-    rows = -(-transitions // LANES) + 400
-    replay = Replay(LANES, rows, geometry.cells, social, detour, folder)
-    if len(replay) < transitions:
-        replay.mark_episode_ends(np.arange(LANES))
-        _record(replay, expert, transitions, geometry, progress)
-    return replay
+        Where another run is recording, wait for it and take over if it ends before.
 
+        Args:
+            progress: called with the number of transitions there are, while some are missing.
+            stopping: tells whether to leave it there.
+        """
+        lock = FileLock(self._folder / "recording")
+        while len(self) < self._wanted and not stopping():
+            if lock.attempt():
+                try:
+                    self._record(progress, stopping)
+                finally:
+                    lock.release()
+            else:
+                progress(len(self))
+                time.sleep(LOOK)
 
-def _record(
-    replay: Replay,
-    expert: str,
-    transitions: int,
-    geometry: MapGeometry,
-    progress: Callable[[int], None],
-) -> None:
-    begun = len(replay)
-    rng = np.random.default_rng([DEMONSTRATIONS[0], begun])
-    envs, everywhere = VectorEnv(LANES, _episodes(begun), geometry), np.arange(LANES)
-    experts = Experts(expert, envs, everywhere)
-    noise = CorrelatedNoise((LANES, 2), NOISE, NOISE_CORRELATION, rng)
-    noisy, age = np.zeros(LANES, bool), np.zeros(LANES, np.int64)
-    source = np.full(LANES, EXPERT, np.uint8)
+    def _record(self, progress: Callable[[int], None], stopping: Callable[[], bool]) -> None:
+        everywhere, begun = np.arange(LANES), len(self)
+        self.mark_episode_ends(everywhere)
+        rng = np.random.default_rng([DEMONSTRATIONS[0], begun])
+        lanes = Lanes(LANES, list(TRAINING_SCENARIOS), _episodes(begun), self._geometry)
+        experts = Experts(self._expert, lanes, everywhere)
+        noise = CorrelatedNoise((LANES, 2), NOISE, NOISE_CORRELATION, rng)
+        noisy, age = np.zeros(LANES, bool), np.zeros(LANES, np.int64)
+        source = np.full(LANES, EXPERT, np.uint8)
 
-    def begin(which: NDArray[np.integer]) -> None:
-        envs.begin(which)
-        experts.begin(which)
-        age[which] = rng.integers(BURST, size=len(which))
-        noisy[which] = False
+        def begin(which: NDArray[np.integer]) -> None:
+            lanes.begin(which)
+            experts.begin(which)
+            age[which] = rng.integers(BURST, size=len(which))
+            noisy[which] = False
 
-    begin(everywhere)
-    progress(begun)
-    while len(replay) < transitions:
-        reference = experts.labels()
-        added = noise.step()
-        noisy = np.where(age % BURST == 0, rng.random(LANES) < 0.4, noisy)
-        action = np.clip(reference + added * noisy[:, None], -1, 1).astype(np.float32)
-        before = envs.sensed.copy()
-        result = envs.step(everywhere, envs.bounds.physical(action))
-        replay.append_step(everywhere, before, action, result, reference, source, envs.sensed)
-        age += 1
-        begin(np.flatnonzero(result.over))
-        progress(len(replay))
-    replay.mark_episode_ends(everywhere)
+        begin(everywhere)
+        progress(begun)
+        while len(self) < self._wanted and not stopping():
+            reference = experts.labels()
+            added = noise.step()
+            noisy = np.where(age % BURST == 0, rng.random(LANES) < 0.4, noisy)
+            action = np.clip(reference + added * noisy[:, None], -1, 1).astype(np.float32)
+            before = lanes.sensed
+            result = lanes.step(lanes.bounds.physical(action))
+            self.append_step(everywhere, before, action, result, reference, source, lanes.sensed)
+            age += 1
+            begin(np.flatnonzero(result.over))
+            progress(len(self))
+        self.mark_episode_ends(everywhere)
 
 
 def _episodes(begun: int) -> Iterator[tuple[str, int]]:

@@ -7,9 +7,11 @@ from typing import Literal
 import torch
 from crowdbench_agents.learning.first_layer import convolve_bits
 from crowdbench_agents.learning.inputs import Inputs
-from crowdbench_agents.learning.perception import FRAMES
 from torch import Tensor, nn
 
+import crowdbench
+
+FRAMES = crowdbench.ObstacleMaps.FRAMES
 _DISTANCE_SCALE = 5.0  # [m], brings goal features near one
 
 

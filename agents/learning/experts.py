@@ -7,7 +7,7 @@ learning", 2011.
 from __future__ import annotations
 
 import numpy as np
-from crowdbench_agents.learning.vector_env import VectorEnv
+from crowdbench_agents.learning.lanes import Lanes
 from numpy.typing import NDArray
 
 import crowdbench
@@ -18,30 +18,29 @@ from scratch at each step and are jerky."""
 
 
 class Experts:
-    """One expert for each of some environments.
+    """One expert for each of some lanes.
 
     Args:
         name: of the agent; it may be a privileged one.
-        envs: the environments.
-        which: (M,) in which of them there is an expert.
+        lanes: in which they are.
+        which: (M,) of them.
     """
 
-    def __init__(self, name: str, envs: VectorEnv, which: NDArray[np.integer]) -> None:
-        self.which, self._envs = which, envs
+    def __init__(self, name: str, lanes: Lanes, which: NDArray[np.integer]) -> None:
+        self.which, self._lanes = which, lanes
         self._agents = {index: crowdbench.AgentSpec.parse(name).make() for index in which}
 
     def begin(self, which: NDArray[np.integer]) -> None:
-        """Start anew in those environments, of any, whose episodes begin."""
+        """Start anew in those lanes, of any, whose episodes begin."""
         for index in which:
             if index in self._agents:
-                self._agents[index].reset(self._envs.robot, seed=0)
+                self._agents[index].reset(self._lanes.env.robot, seed=0)
 
     def labels(self) -> NDArray[np.float32]:
         """(M, 2) actions in [-1, 1]; to be asked once a step, as experts may track people."""
-        envs = self._envs
+        lanes = self._lanes
         wanted = np.array(
-            [agent.act(envs.observation(i, state=True)) for i, agent in self._agents.items()],
-            np.float32,
+            [agent.act(lanes.observation(i)) for i, agent in self._agents.items()], np.float32
         ).reshape(-1, 2)
-        velocity = envs.sensed.velocity[self.which]
-        return envs.bounds.normalised(velocity + FOLLOW * (wanted - velocity)).astype(np.float32)
+        velocity = lanes.sensed.velocity[self.which]
+        return lanes.bounds.normalised(velocity + FOLLOW * (wanted - velocity)).astype(np.float32)

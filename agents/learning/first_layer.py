@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.learning.perception import FRAMES
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+import crowdbench
 from crowdbench.compiled import compiled
+
+FRAMES = crowdbench.ObstacleMaps.FRAMES
 
 PATCH = 4
 """Cells along a side of a patch; kernel and stride of the layer."""
@@ -68,7 +70,7 @@ class _AddRows(torch.autograd.Function):
         count, cells = maps.shape[:2]
         side = cells // PATCH
         result = bias.detach().repeat(count, table.shape[2], side, side, 1)
-        _add_rows(maps.numpy(), table.detach().numpy(), result.numpy())
+        _exchange(maps.numpy(), table.detach().numpy(), result.numpy(), True)
         return result
 
     @staticmethod
@@ -76,31 +78,18 @@ class _AddRows(torch.autograd.Function):
         (maps,) = ctx.saved_tensors
         gradient = gradients[0].contiguous()
         rows = torch.zeros(ctx.shape)
-        _gather_gradients(maps.numpy(), gradient.numpy(), rows.numpy())
+        _exchange(maps.numpy(), rows.numpy(), gradient.numpy(), False)
         return None, rows, gradient.sum(dim=(0, 1, 2, 3))
 
 
 @compiled(fastmath=True)
-def _add_rows(
-    maps: NDArray[np.uint8], table: NDArray[np.float32], result: NDArray[np.float32]
+def _exchange(
+    maps: NDArray[np.uint8],
+    rows: NDArray[np.float32],
+    patches: NDArray[np.float32],
+    forward: bool,
 ) -> None:  # pragma: no cover
-    for sample in range(maps.shape[0]):
-        for i in range(maps.shape[1]):
-            for j in range(maps.shape[2]):
-                byte = maps[sample, i, j]
-                if byte:
-                    place = (i % PATCH) * PATCH + j % PATCH
-                    for step in range(table.shape[2]):
-                        for k in range(table.shape[3]):
-                            result[sample, step, i // PATCH, j // PATCH, k] += table[
-                                place, byte, step, k
-                            ]
-
-
-@compiled(fastmath=True)
-def _gather_gradients(
-    maps: NDArray[np.uint8], gradient: NDArray[np.float32], rows: NDArray[np.float32]
-) -> None:  # pragma: no cover
+    """Add rows of the table to the patches in which something is, or patches to those rows."""
     for sample in range(maps.shape[0]):
         for i in range(maps.shape[1]):
             for j in range(maps.shape[2]):
@@ -108,7 +97,9 @@ def _gather_gradients(
                 if byte:
                     place = (i % PATCH) * PATCH + j % PATCH
                     for step in range(rows.shape[2]):
-                        for k in range(rows.shape[3]):
-                            rows[place, byte, step, k] += gradient[
-                                sample, step, i // PATCH, j // PATCH, k
-                            ]
+                        row = rows[place, byte, step]
+                        patch = patches[sample, step, i // PATCH, j // PATCH]
+                        if forward:
+                            patch += row
+                        else:
+                            row += patch

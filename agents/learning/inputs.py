@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from crowdbench_agents.learning.perception import reflect
 from crowdbench_agents.learning.trained_robot import TrainedRobot
 from numpy.typing import NDArray
 from torch import Tensor
@@ -19,11 +18,25 @@ REFLECT = torch.tensor([1.0, -1.0])
 """Factors on (x, y) or (v, w) that swap left and right."""
 
 
+class Sensed(NamedTuple):
+    """Observations of E environments.
+
+    Attributes:
+        map: (E, cells, cells) the obstacle map, see crowdbench.ObstacleMaps.
+        velocity: (E, 2) v [m/s], w [rad/s].
+        goal: (E, 2) goal in the robot frame [m].
+    """
+
+    map: NDArray[np.uint8]
+    velocity: NDArray[np.float32]
+    goal: NDArray[np.float32]
+
+
 class Inputs(NamedTuple):
     """A batch of observations; leading dimensions (...) are equal.
 
     Attributes:
-        map: (..., cells, cells) uint8, see crowdbench_agents.learning.perception.
+        map: (..., cells, cells) uint8, see crowdbench.ObstacleMaps.
         velocity: (..., 2) v [m/s], w [rad/s].
         goal: (..., 2) goal in the robot frame [m].
     """
@@ -36,6 +49,11 @@ class Inputs(NamedTuple):
         """The same with left and right swapped."""
         turned = torch.from_numpy(reflect(self.map.numpy()))
         return Inputs(turned, self.velocity * REFLECT, self.goal * REFLECT)
+
+
+def reflect(maps: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Swap left and right of maps (..., cells, cells)."""
+    return np.ascontiguousarray(maps[..., ::-1])
 
 
 class ActionBounds(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -10,10 +11,9 @@ import numpy as np
 import torch
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.inputs import ActionBounds
+from crowdbench_agents.learning.inputs import ActionBounds, Sensed
 from crowdbench_agents.learning.stopwatch import Stopwatch
 from crowdbench_agents.learning.validation import Act
-from crowdbench_agents.learning.vector_env import Sensed
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -81,22 +81,68 @@ class Explorer(ABC):
 class Learner(ABC):
     """Networks, their optimisers and one update of them from a batch.
 
+    Args:
+        config: all settings.
+        seed: of the initial parameters, which are drawn after this, and of the noise in the losses.
+        device: where the networks are trained.
+
     Attributes:
+        config, device: as given.
+        network: what explorers act by; its tensors are what is passed on to other processes.
+        log_alpha: logarithm of the entropy coefficient.
+        generator: of the noise in the losses.
         updates: made so far.
         count: sequences in a batch.
         horizon: H, steps of each.
         watch: told what an update spends its time on.
     """
 
-    updates: int
+    network: nn.Module
     count: int
     horizon: int
-    watch: Stopwatch
+
+    def __init__(self, config: Config, seed: int, device: torch.device) -> None:
+        torch.manual_seed(seed)
+        self.config, self.device = config, device
+        self.generator = torch.Generator().manual_seed(seed)
+        entropy = math.log(max(config.loss.entropy, 1e-8))
+        self.log_alpha = torch.tensor(entropy, device=device, requires_grad=True)
+        self.updates, self.watch = 0, Stopwatch()
+
+    def _learn(
+        self,
+        networks: Mapping[str, nn.Module],
+        optimizers: Mapping[str, torch.optim.Optimizer],
+    ) -> None:
+        """Name all that is learned, as the state does; learning rates are those without decay."""
+        self._networks, self._optimizers = networks, optimizers
+        self._rates = {
+            name: [group["lr"] for group in optimizer.param_groups]
+            for name, optimizer in optimizers.items()
+        }
+
+    def _set_learning_rates(self) -> None:
+        """Let all learning rates follow their decay."""
+        factor = self.config.learning_rate_factor(self.updates)
+        for name, optimizer in self._optimizers.items():
+            for group, rate in zip(optimizer.param_groups, self._rates[name], strict=True):
+                group["lr"] = rate * factor
+
+    @torch.no_grad()
+    def _update_target(self, target: nn.Module, network: nn.Module) -> None:
+        """Let a slow copy of a network follow it."""
+        slow: list[Tensor] = list(target.parameters())
+        fast: list[Tensor] = list(network.parameters())
+        torch._foreach_lerp_(slow, fast, self.config.training.target_rate)
+
+    def _noise(self, *shape: int) -> Tensor:
+        """Standard normal, on the device."""
+        return torch.randn(shape, generator=self.generator).to(self.device)
 
     @property
-    @abstractmethod
-    def network(self) -> nn.Module:
-        """What explorers act by; its tensors are what is passed on to other processes."""
+    def alpha(self) -> float:
+        """Entropy coefficient."""
+        return float(self.log_alpha.detach().exp())
 
     @abstractmethod
     def update(self, batch: Batch) -> dict[str, Tensor]:
@@ -132,13 +178,27 @@ class Learner(ABC):
     def tensors(self) -> dict[str, Tensor]:
         """The weights, as they are shipped."""
 
-    @abstractmethod
     def state(self) -> dict[str, Any]:
         """Everything needed to continue: mappings and lists of tensors, numbers and text."""
+        networks = {name: network.state_dict() for name, network in self._networks.items()}
+        return {
+            **networks,
+            "optimizers": {name: o.state_dict() for name, o in self._optimizers.items()},
+            "log_alpha": self.log_alpha.detach().clone(),
+            "updates": self.updates,
+            "generator": self.generator.get_state(),
+        }
 
-    @abstractmethod
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from what ``state`` returned, on whatever device that was."""
+        for name, network in self._networks.items():
+            network.load_state_dict(state[name])
+        for name, optimizer in self._optimizers.items():
+            optimizer.load_state_dict(state["optimizers"][name])
+        with torch.no_grad():
+            self.log_alpha.copy_(state["log_alpha"])
+        self.updates = state["updates"]
+        self.generator.set_state(state["generator"])
 
 
 class Kind(NamedTuple):

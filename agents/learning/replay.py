@@ -18,9 +18,9 @@ import numpy as np
 import torch
 from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.detour import FREE, Detour
-from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.inputs import Inputs, Sensed
+from crowdbench_agents.learning.lanes import Outcomes
 from crowdbench_agents.learning.shared import FileLock
-from crowdbench_agents.learning.vector_env import Outcomes, Sensed
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -83,16 +83,18 @@ class Replay:
             "end": ((), np.bool_), "collision": ((), np.bool_), "final": ((), np.bool_),
             "reference": ((2,), np.float32), "source": ((), np.uint8),
         }  # fmt: skip
-        self._data = Rows(
-            **{
-                name: _array(folder, name, (lanes, rows, *shape), dtype)
-                for name, (shape, dtype) in shapes.items()
-            }
-        )
-        self._written = _array(folder, "written", (lanes,), np.int64)
         self._lock: AbstractContextManager[None] = nullcontext()
         if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
             self._lock = FileLock(folder / "lock")
+        with self._lock:  # two processes may make it at the same time
+            self._data = Rows(
+                **{
+                    name: _array(folder, name, (lanes, rows, *shape), dtype)
+                    for name, (shape, dtype) in shapes.items()
+                }
+            )
+            self._written = _array(folder, "written", (lanes,), np.int64)
 
     def __len__(self) -> int:
         """Rows kept."""
@@ -310,7 +312,6 @@ def _array(folder: Path | None, name: str, shape: tuple[int, ...], dtype: Any) -
         if array.shape != shape or array.dtype != dtype:
             raise ReplayError(f"{path}: has shape {array.shape}, this run needs {shape}")
         return array
-    folder.mkdir(parents=True, exist_ok=True)
     try:
         array = np.lib.format.open_memmap(path, mode="w+", dtype=dtype, shape=shape)
         # Reserve the space now: a full disk must be an error here, not a crash hours later.

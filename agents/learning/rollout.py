@@ -6,10 +6,10 @@ import numpy as np
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.kind import Kind
+from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.replay import EXPERT, PLANNER, Replay
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.stopwatch import Stopwatch
-from crowdbench_agents.learning.vector_env import VectorEnv
 from numpy.typing import NDArray
 from torch import nn
 
@@ -50,7 +50,7 @@ class Rollout:
         settings = config.training
         self._lanes, self._sampler, self._replay = lanes, sampler, replay
         self._everywhere = np.arange(len(lanes))
-        self._envs = VectorEnv(len(lanes), sampler, config.perception.geometry)
+        self._envs = Lanes(len(lanes), list(sampler.success), sampler, config.perception.geometry)
         unlabelled = settings.environments - settings.labelled_environments
         self._experts = Experts(settings.expert, self._envs, np.flatnonzero(lanes >= unlabelled))
         self.explorer = kind.explorer(network, config, self._envs.bounds, lanes, seed)
@@ -73,8 +73,8 @@ class Rollout:
             acts.reference[experts.which] = experts.labels()
             acts.source[experts.which] = EXPERT
         with watch("simulation"):
-            before = envs.sensed.copy()
-            result = envs.step(self._everywhere, envs.bounds.physical(acts.action))
+            before = envs.sensed
+            result = envs.step(envs.bounds.physical(acts.action))
         with watch("replay"):
             self._replay.append_step(
                 self._lanes, before, acts.action, result, acts.reference, acts.source, envs.sensed

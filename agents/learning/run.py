@@ -17,7 +17,7 @@ from crowdbench_agents.learning.checkpoints import (
     save_checkpoint,
 )
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.demonstrations import open_demonstrations, open_replay
+from crowdbench_agents.learning.demonstrations import Demonstrations, open_replay
 from crowdbench_agents.learning.journal import Journal
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.precision import describe_precision
@@ -44,10 +44,10 @@ class TrainingRun:
         social: whether the reward includes the social term.
         device: where networks are trained.
         actors: processes that act; with 0 this one does, in turn with learning.
-        recorded: called with the number of demonstrations there are, while they are recorded.
 
     Attributes:
         needed: rows in the replay before the next update.
+        demonstrations: where they are asked for; they may have to be recorded first.
     """
 
     def __init__(
@@ -59,7 +59,6 @@ class TrainingRun:
         social: bool,
         device: torch.device,
         actors: int,
-        recorded: Callable[[int], None],
     ) -> None:
         settings = config.training
         self.form, self.folder, self.config = kind.form, folder, config
@@ -70,7 +69,9 @@ class TrainingRun:
             crowdbench.load_scenario(next(iter(self.sampler.success)))
         )
         self.replay = open_replay(folder, config, robot, social)
-        self.demonstrations = open_demonstrations(folder, config, robot, social, recorded)
+        self.demonstrations: Demonstrations | None = None
+        if settings.demonstrations:
+            self.demonstrations = Demonstrations(folder.parent, config, robot, social)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),

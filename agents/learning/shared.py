@@ -28,6 +28,18 @@ class FileLock:
     def __init__(self, path: Path) -> None:
         self._file = path.open("a")
 
+    def attempt(self) -> bool:
+        """Take it unless somebody else has it; returns whether it was taken."""
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def release(self) -> None:
+        """Let others take it."""
+        fcntl.flock(self._file, fcntl.LOCK_UN)
+
     def __enter__(self) -> None:
         fcntl.flock(self._file, fcntl.LOCK_EX)
 
@@ -37,7 +49,7 @@ class FileLock:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        fcntl.flock(self._file, fcntl.LOCK_UN)
+        self.release()
 
 
 class Ledger:

@@ -26,6 +26,8 @@ class TrainedRobot(BaseModel):
         acceleration: limits on the change of either number of an action in a second, or None.
         control_period: time between two actions [s].
         beams, field_of_view, lidar_range: of the LiDAR, in beams, degrees and metres.
+        latency: whole control periods until a command acts.
+        lidar_mount: where on the robot the LiDAR is: x, y [m], heading [rad].
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -39,13 +41,15 @@ class TrainedRobot(BaseModel):
     beams: int = 180
     field_of_view: float = 360.0
     lidar_range: float = 6.0
+    latency: int = 0
+    lidar_mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, robot: crowdbench.RobotSpec) -> TrainedRobot:
         """What there is to say about a robot."""
         angles = robot.lidar_angles
         # Beams of a full circle start ahead, those of a part of it at its right edge.
-        full = len(angles) > 1 and angles[0] == 0.0
+        full = len(angles) > 1 and angles[0] == robot.lidar_mount[2]
         view = 360.0 if full else float(np.rad2deg(angles[-1] - angles[0]))
         return cls(
             drive=robot.drive,
@@ -57,6 +61,8 @@ class TrainedRobot(BaseModel):
             beams=len(angles),
             field_of_view=view,
             lidar_range=robot.lidar_range,
+            latency=robot.latency,
+            lidar_mount=robot.lidar_mount,
         )
 
     @classmethod
@@ -99,6 +105,8 @@ class TrainedRobot(BaseModel):
         yield "LiDAR beams", str(self.beams)
         yield "LiDAR field of view", f"{self.field_of_view:.4g} deg"
         yield "LiDAR range", f"{self.lidar_range:.4g} m"
+        yield "latency", f"{self.latency} control periods"
+        yield "LiDAR mount", "{:.4g} m, {:.4g} m, {:.4g} rad".format(*self.lidar_mount)
 
 
 def warn_of_other_robot(weights: str, trained: TrainedRobot, robot: crowdbench.RobotSpec) -> None:

@@ -83,20 +83,22 @@ def train(
                 curve.unlink(missing_ok=True)
             total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
             with Journal(name, folder, curve, total) as journal, ExitStack() as stack:
-                wanted = config.training.demonstrations
-                run = TrainingRun(
-                    kind, folder, config, seed, social, where, count,
-                    lambda there: journal.recorded(there, wanted),
-                )  # fmt: skip
+                stopping = stack.enter_context(stop_on_signals())
+                run = TrainingRun(kind, folder, config, seed, social, where, count)
                 if resume:
                     run.restore()
-                stopping = stack.enter_context(stop_on_signals())
+                if run.demonstrations is not None:
+                    wanted = config.training.demonstrations
+                    run.demonstrations.record(
+                        lambda there: journal.recorded(there, wanted), stopping
+                    )
                 arithmetic = run.facts["arithmetic"]
                 journal.say(
                     f"{where.type}, {describe_actors(count)}, networks learn in {arithmetic}"
                 )
                 try:
-                    _loop(run, journal, minutes, steps, stopping)
+                    if not stopping():
+                        _loop(run, journal, minutes, steps, stopping)
                 finally:
                     run.close()
                 if stopping():

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from crowdbench_agents.learning.perception import MapGeometry
+from crowdbench_agents.learning.inputs import Sensed
+from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 from crowdbench_agents.learning.seeds import VALIDATION
-from crowdbench_agents.learning.vector_env import Sensed, VectorEnv
 from numpy.typing import NDArray
 
+import crowdbench
 from crowdbench.evaluation.navigation_metrics import path_efficiency, shortest_way
 
 ENVIRONMENTS = 64
@@ -65,7 +66,7 @@ class Validation(NamedTuple):
 
 def validate(
     act: Act,
-    geometry: MapGeometry,
+    geometry: crowdbench.MapGeometry,
     episodes: int,
     scenarios: Sequence[str] | None = None,
     first_seed: int = VALIDATION[0],
@@ -81,40 +82,42 @@ def validate(
     """
     names = scenarios or list(TRAINING_SCENARIOS)
     wanted = ((name, first_seed + number) for number in range(episodes) for name in names)
-    envs = VectorEnv(min(ENVIRONMENTS, len(names) * episodes), wanted, geometry)
-    shortest, driven = np.zeros((2, envs.count))
+    lanes = Lanes(min(ENVIRONMENTS, len(names) * episodes), names, wanted, geometry)
+    shortest, driven = np.zeros((2, len(lanes)))
 
     def begin(which: NDArray[np.integer]) -> NDArray[np.integer]:
-        begun = envs.begin(which)
-        for index in begun:
-            shortest[index], driven[index] = _shortest_way(envs, index), 0.0
+        begun = lanes.begin(which)
+        for lane in begun:
+            shortest[lane], driven[lane] = _shortest_way(lanes.env, lane), 0.0
         return begun
 
-    running = begin(np.arange(envs.count))
+    running = begin(np.arange(len(lanes)))
     success: dict[str, list[bool]] = {name: [] for name in names}
     efficiency: dict[str, list[float]] = {name: [] for name in names}
     changes, seconds = [], []
-    steps = np.zeros(envs.count, np.int64)
+    steps = np.zeros(len(lanes), np.int64)
     while len(running):
-        sensed = Sensed(*(x[running] for x in envs.sensed))
-        velocity = envs.bounds.normalised(sensed.velocity).astype(np.float32)
-        action = envs.bounds.physical(act(PolicyInput(sensed, velocity, running, steps[running])))
+        sensed = Sensed(*(x[running] for x in lanes.sensed))
+        velocity = lanes.bounds.normalised(sensed.velocity).astype(np.float32)
+        action = lanes.bounds.physical(act(PolicyInput(sensed, velocity, running, steps[running])))
         moving = steps[running] > 0
         changes.append(np.square(action - sensed.velocity).sum(axis=-1)[moving])
-        before = _positions(envs, running)
-        result = envs.step(running, action)
-        driven[running] += np.linalg.norm(_positions(envs, running) - before, axis=-1)
+        everybodys = np.zeros((len(lanes), 2), np.float32)  # lanes without an episode rest
+        everybodys[running] = action
+        before = lanes.seen["pose"][running, :2]
+        result = lanes.step(everybodys)
+        driven[running] += np.linalg.norm(lanes.seen["pose"][running, :2] - before, axis=-1)
         steps[running] += 1
-        over = running[result.over]
-        for index, outcome in zip(over, result.outcome[result.over], strict=True):
-            arrived, name = outcome == "success", envs.scenario[index]
+        ended = result.over[running]
+        over = running[ended]
+        for lane in over:
+            arrived, name = result.outcome[lane] == "success", lanes.scenario[lane]
             success[name].append(arrived)
-            efficiency[name].append(arrived and path_efficiency(shortest[index], driven[index]))
+            efficiency[name].append(arrived and path_efficiency(shortest[lane], driven[lane]))
             if arrived:
-                seconds.append(steps[index] * envs.robot.control_period)
-            steps[index] = 0
-        begun = begin(over)
-        running = np.sort(np.concatenate([running[~result.over], begun]))
+                seconds.append(steps[lane] * lanes.env.robot.control_period)
+            steps[lane] = 0
+        running = np.sort(np.concatenate([running[~ended], begin(over)]))
     return Validation(
         {name: float(np.mean(values)) for name, values in success.items()},
         {name: float(np.nanmean(values)) for name, values in efficiency.items()},
@@ -123,14 +126,9 @@ def validate(
     )
 
 
-def _shortest_way(envs: VectorEnv, index: int) -> float:
-    state, robot = envs.environment(index).state(), envs.robot
+def _shortest_way(env: crowdbench.CrowdVectorEnv, lane: int) -> float:
+    state, robot = env.state(lane), env.robot
     return shortest_way(
         state["robot_pose"][0, :2], state["robot_goal"][0], state["walls"], state["obstacles"],
         (robot.length, robot.width), robot.goal_tolerance,
     )  # fmt: skip
-
-
-def _positions(envs: VectorEnv, which: NDArray[np.integer]) -> NDArray[np.float32]:
-    """(M, 2) by odometry [m]."""
-    return np.stack([envs.raw[index]["pose"][:2] for index in which])

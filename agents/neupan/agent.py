@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from crowdbench_agents.geometry.scan import ScanGeometry
+from crowdbench_agents.geometry.under_way import CommandsUnderWay, into_frame, relative
 from crowdbench_agents.neupan.dune import Array, Dune, Footprint, load_dune
 from crowdbench_agents.neupan.motion import Tracker
 from crowdbench_agents.neupan.nrmp import Limits, Weights
@@ -169,6 +171,7 @@ class Neupan(crowdbench.Agent):
         )
         self._limits = limits
         self._tracker = Tracker(robot.lidar_angles, robot.lidar_range, robot.control_period)
+        self._scan, self._under_way = ScanGeometry(robot), CommandsUnderWay(robot)
         self._controls = np.zeros((s.horizon, 2))
         patience = max(2, round(s.freeze_time / robot.control_period))
         self._positions: deque[Array] = deque(maxlen=patience)
@@ -176,14 +179,16 @@ class Neupan(crowdbench.Agent):
         self._counts = dict.fromkeys(("brakings", "recoveries"), 0)
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
-        """Plan, and return the first control; brake when no plan could be made."""
+        """Plan, and return the first control; brake when no plan could be made.
+
+        The plan begins where the robot will be when that control begins to act.
+        """
         s = self._settings
-        points, moving = self._tracker.update(observation.lidar, observation.pose)
-        if s.predict == "static":
-            moving = np.zeros_like(moving)
+        ahead = self._under_way.foresee(observation)
+        points, moving = self._look(observation, ahead)
         nearest = np.argsort(np.linalg.norm(points, axis=1))[: s.scan_points]
-        velocity = observation.velocity.astype(np.float64)
-        bearing, length = self._path(observation, points)
+        velocity = ahead.velocity.astype(np.float64)
+        bearing, length = self._path(ahead, points)
         speed = min(s.reference_speed, self._limits.high[0])
         period = self._robot.control_period
         # Turn first, then drive: a reference that runs ahead of the turn would call for an arc.
@@ -207,7 +212,7 @@ class Neupan(crowdbench.Agent):
             self._controls = self._braking(velocity)
         else:
             self._controls = plan.controls
-        return self._controls[0]
+        return self._under_way.send(self._controls[0])
 
     def diagnostics(self) -> dict[str, float]:
         """Failed solves, steps braked because none succeeded, recoveries from standing still."""
@@ -229,6 +234,22 @@ class Neupan(crowdbench.Agent):
             return footprint
         self.weights_sha256 = s.weights_sha256
         return self._dune
+
+    def _look(
+        self, observation: crowdbench.Observation, ahead: crowdbench.Observation
+    ) -> tuple[Array, Array]:
+        """(N, 2) points [m] and their velocities [m/s] when the next control begins to act.
+
+        Both are in the frame of the robot as it will be then, which ``ahead`` says.
+        """
+        here, there = observation.pose.astype(np.float64), ahead.pose.astype(np.float64)
+        origin = self._scan.origin(here).astype(np.float32)
+        points, moving = self._tracker.update(observation.lidar, origin)
+        if self._settings.predict == "static":
+            moving = np.zeros_like(moving)
+        shift = relative(here, there)
+        places = points + self._scan.offset + self._under_way.time * moving
+        return into_frame(places, shift), into_frame(moving, np.array([0.0, 0.0, shift[2]]))
 
     def _path(self, observation: crowdbench.Observation, points: Array) -> tuple[float, float]:
         """Bearing [rad] and length [m] of the path: to the goal, or out of a freeze."""

@@ -37,7 +37,7 @@ class Tracker:
         """Start without bodies.
 
         Args:
-            angles: (beams,) direction of each beam from the heading [rad].
+            angles: (beams,) direction of each beam from the robot's heading [rad].
             lidar_range: distance of a beam that hits nothing [m].
             period: time between scans [s].
         """
@@ -60,7 +60,7 @@ class Tracker:
         """Take the next scan (beams,) [m], seen from ``pose`` (3,) in the odometry frame.
 
         Returns:
-            (N, 2) points [m] and their velocities [m/s], both in the present robot frame.
+            (N, 2) points [m] and their velocities [m/s], both in the frame of ``pose``.
         """
         ranges = np.asarray(scan, dtype=np.float64)
         hit = np.isfinite(ranges) & (ranges < self._range - 1e-3) & (ranges > 0)

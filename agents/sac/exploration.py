@@ -9,10 +9,9 @@ import numpy as np
 import torch
 from crowdbench_agents.learning import kind
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.inputs import ACTION, ActionBounds, Inputs
+from crowdbench_agents.learning.inputs import ACTION, ActionBounds, Inputs, Sensed
 from crowdbench_agents.learning.kind import Acts
 from crowdbench_agents.learning.replay import NOBODY
-from crowdbench_agents.learning.vector_env import Sensed
 from crowdbench_agents.sac.networks import Policy, encode
 from numpy.typing import NDArray
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,7 +19,6 @@ from crowdbench_agents.learning.batch import Batch
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.inputs import ACTION, Inputs
-from crowdbench_agents.learning.stopwatch import Stopwatch
 from crowdbench_agents.learning.validation import Act, PolicyInput
 from crowdbench_agents.sac.networks import Critic, Policy, encode, make_policy
 from numpy.typing import NDArray
@@ -76,37 +75,24 @@ class Learner(kind.Learner):
     count = BATCH
 
     def __init__(self, config: Config, seed: int, device: torch.device = CPU) -> None:
-        torch.manual_seed(seed)
-        self.config, self._device, self.horizon = config, device, config.loss.n_step
-        self.watch = Stopwatch()
-        self.generator = torch.Generator().manual_seed(seed)
-        self.actor = make_policy(config).to(device)
+        super().__init__(config, seed, device)
+        self.horizon = config.loss.n_step
+        self.network = self.actor = make_policy(config).to(device)
         self.critic = Critic(config.perception.cells, config.model).to(device)
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
-        entropy = max(config.loss.entropy, 1e-8)
-        self.log_alpha = torch.tensor(math.log(entropy), device=device, requires_grad=True)
         wanted = config.loss.entropy_target
         self._wanted_entropy = -float(ACTION) if wanted is None else wanted
-        self.updates = 0
         self._parameters: dict[str, list[Tensor]] = {
             "critic": list(self.critic.parameters()),
             "actor": list(self.actor.parameters()),
             "alpha": [self.log_alpha],
         }
-        self._optimizers = {
-            name: torch.optim.Adam(parameters, fused=True)
+        optimizers = {
+            name: torch.optim.Adam(parameters, lr=config.training.learning_rate, fused=True)
             for name, parameters in self._parameters.items()
         }
-
-    @property
-    def network(self) -> Policy:
-        """The actor."""
-        return self.actor
-
-    @property
-    def alpha(self) -> float:
-        """Entropy coefficient."""
-        return float(self.log_alpha.detach().exp())
+        networks = {"actor": self.actor, "critic": self.critic, "target": self.target}
+        self._learn(networks, optimizers)
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         """One step of the critic, the actor and the entropy coefficient.
@@ -120,9 +106,9 @@ class Learner(kind.Learner):
         self._set_learning_rates()
         config, alpha = self.config, self.log_alpha.detach().exp()
         batch = batch._replace(reward=batch.reward * config.training.reward_scale)
-        batch = batch.to(self._device)
+        batch = batch.to(self.device)
         seen, taken, returns, discount, later = transitions(batch, config.loss.discount)
-        noise = torch.randn(2, *taken.shape, generator=self.generator).to(self._device)
+        noise = self._noise(2, *taken.shape)
 
         # Q(o, a) against r + gamma^n (min Q'(o', a') - alpha log pi(a')).
         with self.watch("critic"):
@@ -148,7 +134,7 @@ class Learner(kind.Learner):
         # More alpha where the entropy is below the wanted one.
         entropy = -log_prob.detach().mean()
         self._step("alpha", self.log_alpha * (entropy - self._wanted_entropy))
-        self._update_target()
+        self._update_target(self.target, self.critic)
         self.updates += 1
         labelled = batch.labelled[0].sum().clamp(min=1.0)
         terms = {
@@ -182,7 +168,7 @@ class Learner(kind.Learner):
 
         @torch.no_grad()
         def act(given: PolicyInput) -> NDArray[np.float32]:
-            inputs = Inputs(*(torch.from_numpy(x).to(self._device) for x in given.sensed))
+            inputs = Inputs(*(torch.from_numpy(x).to(self.device) for x in given.sensed))
             return self.actor(inputs).cpu().numpy()
 
         return act
@@ -191,42 +177,11 @@ class Learner(kind.Learner):
         """The parameters of what acts."""
         return self.actor.tensors()
 
-    def state(self) -> dict[str, Any]:
-        """Everything needed to continue, as tensors and numbers."""
-        return {
-            "actor": self.actor.state_dict(),
-            "critic": self.critic.state_dict(),
-            "target": self.target.state_dict(),
-            "optimizers": {name: o.state_dict() for name, o in self._optimizers.items()},
-            "log_alpha": self.log_alpha.detach().clone(),
-            "updates": self.updates,
-            "generator": self.generator.get_state(),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from what ``state`` returned."""
-        self.actor.load_state_dict(state["actor"])
-        self.critic.load_state_dict(state["critic"])
-        self.target.load_state_dict(state["target"])
-        for name, optimizer in self._optimizers.items():
-            optimizer.load_state_dict(state["optimizers"][name])
-        with torch.no_grad():
-            self.log_alpha.copy_(state["log_alpha"])
-        self.updates = state["updates"]
-        self.generator.set_state(state["generator"])
-
     def _draw(self, inputs: Inputs, noise: Tensor) -> tuple[Tensor, Tensor]:
         return self.actor.sample(self._features(self.actor, inputs), noise)
 
     def _features(self, network: Policy | Critic, inputs: Inputs) -> Tensor:
         return encode(network.encoder, inputs, self.config.training.bfloat16)
-
-    def _set_learning_rates(self) -> None:
-        config = self.config
-        rate = config.training.learning_rate * config.learning_rate_factor(self.updates)
-        for optimizer in self._optimizers.values():
-            for group in optimizer.param_groups:
-                group["lr"] = rate
 
     def _step(self, name: str, loss: Tensor) -> None:
         """One step of one optimiser, by the gradient of its own parameters alone."""
@@ -234,9 +189,3 @@ class Learner(kind.Learner):
         optimizer.zero_grad()
         loss.backward(inputs=self._parameters[name])
         optimizer.step()
-
-    @torch.no_grad()
-    def _update_target(self) -> None:
-        slow: list[Tensor] = list(self.target.parameters())
-        fast: list[Tensor] = list(self.critic.parameters())
-        torch._foreach_lerp_(slow, fast, self.config.training.target_rate)

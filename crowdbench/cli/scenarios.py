@@ -6,16 +6,18 @@ from crowdbench.cli.common import out
 
 
 def scenarios() -> None:
-    """List the scenarios with their numbers."""
+    """List the scenarios with their numbers, tier by tier."""
     from rich.table import Table
 
-    from crowdbench.scenario import load_scenario, scenario_names
+    from crowdbench.scenario import load_scenario, scenario_names, scenario_tiers
 
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("scenario", no_wrap=True)
+    for heading in ("scenario", "tier"):
+        table.add_column(heading, no_wrap=True)
     for heading in ("arena m", "way m", "static", "people", "speed m/s", "goals", "react"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for name in scenario_names():
+    tiers = {name: tier for tier in scenario_tiers() for name in scenario_names(tier)}
+    for name, tier in tiers.items():
         scenario = load_scenario(name)
         arena, people = scenario.arena, scenario.pedestrians
         walking = [
@@ -25,6 +27,7 @@ def scenarios() -> None:
         ]
         table.add_row(
             name,
+            tier,
             f"{arena.length:g} x {arena.width:g}",
             f"{scenario.robots.travel:g}",
             str(scenario.obstacles.count),

@@ -70,6 +70,10 @@ PRAGMA application_id = {_APPLICATION};
 PRAGMA user_version = {SCHEMA};
 """
 
+CELL_IS = """
+    WHERE (scenario, scenario_digest, agent, weights_sha256, code, series) = (?, ?, ?, ?, ?, ?)"""
+"""Of a query for one cell, given ``Cell.identity``."""
+
 
 class ResultsError(RuntimeError):
     """Results that cannot be read or written; the message names the path and the reason."""

@@ -6,9 +6,9 @@ where its episode ended, so that dying early earns nothing. Crowds are chaotic: 
 without the robot, whose people are a millimetre off after the first control period, says how large
 the numbers are when there is nothing to measure.
 
-A person's way is compared by goals. A new goal depends on where the last one was reached, a little:
-those who get other goals in the two twins are left out of delay and detour, and ``compared`` is the
-share of those who are left.
+A person's way is compared by goals, so these must not depend on where the person was pushed to:
+``undefined`` says of which scenarios that holds. Who has turned to another goal on the way in only
+one of the twins so far is left out of delay and detour; ``compared`` is the share of the others.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ NUDGE = 1e-3
 """How far off the people of the third twin are [m]."""
 
 Array = NDArray[np.float64]
+
+
+class DisturbanceError(ValueError):
+    """Commands or a scenario that no twins can be simulated of; the message says why."""
 
 
 class Shift(NamedTuple):
@@ -88,14 +92,21 @@ def disturbance(
             after its last one, or when it touches something.
 
     Raises:
-        ValueError: commands that are not (T, 2) finite numbers for each robot; says for which.
+        DisturbanceError: ``undefined`` for the scenario, or commands that are not (T, 2) finite
+            numbers for each robot.
         ScenarioError: the scenario has no room.
     """
+    if reason := undefined(scenario):
+        raise DisturbanceError(f"scenario {scenario.name!r}: {reason}")
     if len(commands) != scenario.robots.count:
-        raise ValueError(f"commands: {len(commands)} robots, expected {scenario.robots.count}")
+        raise DisturbanceError(
+            f"commands: {len(commands)} robots, expected {scenario.robots.count}"
+        )
     for r, told in enumerate(commands):
         if np.shape(told) != (len(told), 2) or not np.isfinite(told).all():
-            raise ValueError(f"commands of robot_{r}: expected finite numbers of shape (T, 2)")
+            raise DisturbanceError(
+                f"commands of robot_{r}: expected finite numbers of shape (T, 2)"
+            )
     nobody = [np.empty((0, 2))] * len(commands)
     without = _simulate(scenario, seed, nobody)
     count = len(without.speed)
@@ -104,6 +115,27 @@ def disturbance(
     nudged = _simulate(scenario, seed, nobody, first_velocity=without.first_velocity + nudge)
     with_robot = _simulate(scenario, seed, commands)
     return Disturbance(_shift(with_robot, without), _shift(nudged, without))
+
+
+def undefined(scenario: Scenario) -> str:
+    """Why twins of a scenario cannot be compared: field, value, allowed; empty if they can."""
+    people = scenario.pedestrians
+    if people.control == "agents":
+        return (
+            "pedestrians.control: 'agents': what steers them sees the robot, and is not simulated "
+            "again; allowed: 'scripted'"
+        )
+    if people.model == "recorded":
+        return (
+            "pedestrians.model: 'recorded': people come and go by the clock, whatever the robot "
+            "does; allowed: any other"
+        )
+    if people.on_arrival == "new_goal" and people.leg_from == "position":
+        return (
+            "pedestrians.leg_from: 'position': where people go depends on where the robot has "
+            "pushed them; allowed: 'goal'"
+        )
+    return ""
 
 
 def _simulate(

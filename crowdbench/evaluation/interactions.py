@@ -41,7 +41,7 @@ def clearance(
     robot_pose: Array,
     footprint: tuple[float, float],
     pedestrian_position: Array,
-    pedestrian_radius: float,
+    pedestrian_radius: Array,
 ) -> Array:
     """Distance between the robot's rectangle and the pedestrians' discs, 0 when they touch.
 
@@ -49,7 +49,7 @@ def clearance(
         robot_pose: (N, 3) x, y [m], heading [rad].
         footprint: length and width [m].
         pedestrian_position: (N, P, 2) [m].
-        pedestrian_radius: [m].
+        pedestrian_radius: (P,) [m].
 
     Returns:
         (N, P) [m].
@@ -63,7 +63,7 @@ def clearance(
     return np.asarray(np.maximum(np.hypot(beyond_end, beyond_side) - pedestrian_radius, 0.0))
 
 
-def time_to_collision(offset: Array, relative_velocity: Array, reach: float) -> Array:
+def time_to_collision(offset: Array, relative_velocity: Array, reach: Array) -> Array:
     """Time until two discs touch if both keep their velocity.
 
     The smallest t >= 0 with |x + w t| = R.
@@ -71,7 +71,7 @@ def time_to_collision(offset: Array, relative_velocity: Array, reach: float) -> 
     Args:
         offset: (..., 2) x, from one centre to the other [m].
         relative_velocity: (..., 2) w, the velocity of the other less one's own [m/s].
-        reach: R, the sum of the radii [m].
+        reach: (...) R, the sum of the radii [m].
 
     Returns:
         (...) [s]; 0 when they overlap already, infinite when they never touch.
@@ -92,7 +92,7 @@ def crossing_gaps(
     pedestrian_position: Array,
     pedestrian_velocity: Array,
     period: float,
-    reach: float,
+    reach: Array,
 ) -> Array:
     """Projected time gap wherever the robot crosses the path ahead of a walking pedestrian.
 
@@ -106,7 +106,7 @@ def crossing_gaps(
         pedestrian_position: (N, P, 2) [m].
         pedestrian_velocity: (N, P, 2) [m/s].
         period: time between two states [s].
-        reach: the robot's radius plus a pedestrian's [m].
+        reach: (P,) the robot's radius plus each pedestrian's [m].
 
     Returns:
         (N - 1, P) gap of each step [s]; infinite where no path is crossed.

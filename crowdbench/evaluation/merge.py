@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.evaluation.database import (
+    CELL_IS,
     FILE,
     ResultsError,
     open_for_writing,
@@ -27,7 +28,7 @@ from crowdbench.evaluation.database import (
     transaction,
 )
 from crowdbench.evaluation.measured import metric_set, quoted, write_metrics
-from crowdbench.evaluation.results import CELL_IS, Origin, latest_cells, load_results
+from crowdbench.evaluation.results import Origin, latest_cells, load_results
 from crowdbench.messages import short
 from crowdbench.simulation import WORLD_VERSION
 

@@ -53,6 +53,12 @@ def _per_km(function: Callable[[Episode], float], what: str) -> Metric:
     return Metric(function, "1/km", "lower", definition, "mean", digits=1, weight="path_length")
 
 
+def _by_chance(name: str, unit: str) -> Metric:
+    function = social.disturbance(name, chance=True)
+    definition = f"{name} of people whom nothing but a push of 1 mm has disturbed"
+    return Metric(function, unit, "lower", definition, "mean", digits=3)
+
+
 _BUILT_IN = {
     "success": _proportion(
         navigation.success, "higher", "goal reached in time without any contact", main=True
@@ -171,6 +177,24 @@ _BUILT_IN = {
         social.social_work, "m/s²", "lower",
         "mean social force between the robot and all others, after HuNavSim", "mean", digits=2,
     ),
+    "delay": Metric(
+        social.disturbance("delay"), "s", "lower",
+        "mean time by which people are behind where they would be without the robot, after 20 s",
+        "mean", digits=3,
+    ),
+    "detour": Metric(
+        social.disturbance("detour"), "m", "lower",
+        "mean extra way of people to the same goals, by that without the robot, after 20 s", "mean",
+        digits=3,
+    ),
+    "displacement": Metric(
+        social.disturbance("displacement"), "m", "lower",
+        "largest mean distance of people from where they would be without the robot, within 20 s",
+        "mean", digits=3,
+    ),
+    "delay_by_chance": _by_chance("delay", "s"),
+    "detour_by_chance": _by_chance("detour", "m"),
+    "displacement_by_chance": _by_chance("displacement", "m"),
 }  # fmt: skip
 
 

@@ -7,10 +7,6 @@ answered, and that goes to another one.
 
 from __future__ import annotations
 
-import logging
-import os
-import re
-import socket
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -20,17 +16,13 @@ from types import TracebackType
 from typing import Any
 
 from crowdbench.evaluation.executors import Executor, ExecutorError, Reply
-from crowdbench.evaluation.machine import core_count
 from crowdbench.evaluation.parcel import Parcel
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import Lost, Message
+from crowdbench.evaluation.ray_cluster import connect, import_ray, reason_of
 from crowdbench.evaluation.ray_node import Greeting, Node
 from crowdbench.evaluation.work import Work
 
-_LOCAL = "local"
-"""What stands for a Ray that is started on this machine alone."""
-_REACHED_WITHIN = 5.0
-"""[s]; Ray itself tries for minutes."""
 _WITHOUT_NODES = 60.0
 """How long a run waits for a first or another node when there is none [s]."""
 _LOOK = 2.0
@@ -39,13 +31,6 @@ _CLOSING = 10.0
 """How long workers may take to end their processes [s]."""
 _STILLBORN = 3
 """Workers in a row that do not start, before the run is given up."""
-_OBJECT_STORE = 200_000_000
-"""Of a Ray that is started here [bytes]; answers are small and do not go through it."""
-_EXCEPTION = re.compile(r"[\w.]+: ")
-"""How the last line of a traceback begins."""
-_SETTINGS = bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
-_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + _SETTINGS
-"""What an HTTP/2 client begins with; a server, Ray's too, begins with its own SETTINGS frame."""
 
 
 class _Worker:
@@ -65,17 +50,11 @@ class RayExecutor(Executor):
     def __init__(self, jobs: int | None, limits: Limits, address: str | None = None) -> None:
         """Use the cluster of ``address`` or ``RAY_ADDRESS``, else one of its own on this machine.
 
-        Ray's search for a cluster on this machine is not used: it finds those of others, and dead
-        ones, with which Ray ends the process after a minute.
+        Raises:
+            ExecutorError: Ray is not installed.
         """
-        try:
-            import ray
-        except ImportError as error:
-            raise ExecutorError(
-                "the executor 'ray' needs Ray, which is not installed: "
-                "pip install 'crowdbench-nav[ray]'"
-            ) from error
-        self._ray, self._wanted, self._limits, self._address = ray, jobs, limits, address
+        self._ray = import_ray()
+        self._wanted, self._limits, self._address = jobs, limits, address
         self._connected = False
         self._workers: list[_Worker] = []
         self._parcels: dict[str, Any] = {}
@@ -84,7 +63,7 @@ class RayExecutor(Executor):
 
     def __enter__(self) -> RayExecutor:
         if not self._ray.is_initialized():
-            self._connect()
+            connect(self._address)
             self._connected = True
         elif self._address is not None:
             raise ExecutorError(
@@ -135,29 +114,6 @@ class RayExecutor(Executor):
                 reply = self._hear(worker, work)
                 if reply is not None:
                     yield reply
-
-    def _connect(self) -> None:
-        """Connect to the cluster, or start one on this machine.
-
-        Raises:
-            ExecutorError: there is none at the address, or it cannot be used.
-        """
-        address = self._address or os.environ.get("RAY_ADDRESS") or _LOCAL
-        settings: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-        if address == _LOCAL:
-            settings |= {"num_cpus": core_count(), "include_dashboard": False}
-            settings |= {"object_store_memory": _OBJECT_STORE}
-        else:
-            _require_reachable(address)
-        try:
-            self._ray.init(address=address, **settings)
-        except Exception as error:
-            told = " ".join(str(error).split())
-            if isinstance(error, ConnectionError) and "RAY_AUTH_MODE" not in os.environ:
-                told += (
-                    "; clusters that `ray start` makes want the user's token: RAY_AUTH_MODE=token"
-                )
-            raise ExecutorError(f"Ray at {address}: {told}") from error
 
     def _count_processors(self) -> int:
         now = time.monotonic()
@@ -224,7 +180,7 @@ class RayExecutor(Executor):
         """Do without a worker that is gone; what it had is done by another."""
         self._workers.remove(worker)
         self._ray.kill(worker.actor)
-        reason = _reason(error)
+        reason = reason_of(error)
         if worker.greeting is None:
             self._stillborn += 1
             if self._stillborn >= _STILLBORN:
@@ -238,36 +194,6 @@ class RayExecutor(Executor):
             Lost(f"its Ray worker was lost ({reason})", outside=True),
             worker.greeting.origin,
         )
-
-
-def _reason(error: Exception) -> str:
-    """What Ray says of a worker that is gone: the exception there, else its first sentence."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [repr(error)]
-    return lines[-1] if _EXCEPTION.match(lines[-1]) else lines[0]
-
-
-def _require_reachable(address: str) -> None:
-    """Find out within seconds whether a Ray cluster may be at an address, ``host:port``.
-
-    Raises:
-        ExecutorError: nothing there answers as Ray's server does.
-    """
-    host, separator, port = address.rpartition(":")
-    if "://" in address or not separator or not port.isdigit():
-        raise ExecutorError(
-            f"Ray address {address!r}: expected HOST:PORT of the cluster's head, as `ray start "
-            f"--head` says it, or {_LOCAL}"
-        )
-    try:
-        with socket.create_connection((host, int(port)), timeout=_REACHED_WITHIN) as connection:
-            if os.environ.get("RAY_USE_TLS") == "1":
-                return
-            connection.sendall(_PREFACE)
-            answer = connection.recv(len(_SETTINGS))
-    except (OSError, OverflowError) as error:
-        raise ExecutorError(f"no Ray cluster at {address}: {error}") from error
-    if answer[3:4] != _SETTINGS[3:4]:
-        raise ExecutorError(f"no Ray cluster at {address}: something else answers there")
 
 
 def _require_same_release(greeting: Greeting) -> None:

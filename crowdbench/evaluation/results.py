@@ -14,7 +14,6 @@ stay in the file and are not read.
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 import re
 import sqlite3
@@ -28,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crowdbench.evaluation.database import (
+    CELL_IS,
     FILE,
     ResultsError,
     Writer,
@@ -36,8 +36,8 @@ from crowdbench.evaluation.database import (
     reported,
     transaction,
 )
-from crowdbench.evaluation.driven import Driven, packed, unpacked
-from crowdbench.evaluation.measured import definitions, metric_set, write_metrics
+from crowdbench.evaluation.driven import Driven, unpacked
+from crowdbench.evaluation.inserts import cell_number, counters, forget_error, insert
 from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 from crowdbench.simulation import WORLD_VERSION
@@ -61,10 +61,6 @@ __all__ = [
     "scenario_label",
     "slug",
 ]
-
-
-CELL_IS = """
-    WHERE (scenario, scenario_digest, agent, weights_sha256, code, series) = (?, ?, ?, ?, ?, ?)"""
 
 
 @dataclass(frozen=True)
@@ -176,7 +172,7 @@ class Result:
     def row(self, cell: Cell) -> dict[str, Any]:
         """What ``load_results`` will say of it."""
         facts = {"seed": self.seed, "robot": self.robot, "outcome": self.outcome}
-        rest = {"steps": self.steps, "error": self.error, "diagnostics": _json(self.diagnostics)}
+        rest = {"steps": self.steps, "error": self.error, "diagnostics": counters(self.diagnostics)}
         return {**asdict(cell), **facts, **self.metrics, **rest, **asdict(self.origin)}
 
 
@@ -254,11 +250,11 @@ class ResultsStore:
         """
         connection = self._writer()
         with reported(self.path), transaction(connection):
-            number = _cell_number(connection, cell, scenario)
+            number = cell_number(connection, cell, scenario)
             if replace_errors:
                 for seed in {result.seed for result in results}:
-                    _forget_error(connection, number, seed)
-            return sum(_insert(connection, number, result) for result in results)
+                    forget_error(connection, number, seed)
+            return sum(insert(connection, number, result) for result in results)
 
     def rows(self, cell: Cell) -> pd.DataFrame:
         """The stored rows of a cell, sorted by seed and robot."""
@@ -361,63 +357,3 @@ def _warn_of_other_worlds(connection: sqlite3.Connection, folder: Path) -> None:
             f"simulates world {WORLD_VERSION}, where the same actions come to other episodes",
             stacklevel=3,
         )
-
-
-def _cell_number(connection: sqlite3.Connection, cell: Cell, scenario: Scenario | None) -> int:
-    definition = scenario.model_dump_json() if scenario else ""
-    connection.execute(
-        """
-        INSERT INTO cells (scenario, scenario_digest, agent, weights_sha256, code, series,
-            options, definition) VALUES (?, ?, ?, ?, ?, ?, ?, ?)
-        ON CONFLICT DO UPDATE SET definition = excluded.definition WHERE definition = ''""",
-        (*cell.identity, cell.options, definition),
-    )
-    found = connection.execute(f"SELECT id FROM cells {CELL_IS}", cell.identity)
-    number: int = found.fetchone()[0]
-    return number
-
-
-def _forget_error(connection: sqlite3.Connection, cell: int, seed: int) -> None:
-    """Remove all robots of an episode in which one of them had an agent error."""
-    rows = connection.execute(
-        "SELECT id, outcome FROM episodes WHERE cell = ? AND seed = ?", (cell, seed)
-    ).fetchall()
-    if any(outcome == "agent_error" for _, outcome in rows):
-        numbers = [(number,) for number, _ in rows]
-        for table, key in (("actions", "episode"), ("metrics", "episode"), ("episodes", "id")):
-            connection.executemany(f"DELETE FROM {table} WHERE {key} = ?", numbers)
-
-
-def _insert(connection: sqlite3.Connection, cell: int, result: Result) -> int:
-    """Add an episode; 0 if it is there."""
-    facts = {
-        "cell": cell,
-        "seed": result.seed,
-        "robot": result.robot,
-        "outcome": result.outcome,
-        "steps": result.steps,
-        "error": result.error,
-        "diagnostics": _json(result.diagnostics),
-        **asdict(result.origin),
-        "metric_set": metric_set(connection, definitions(result.metrics)),
-    }
-    marks = ", ".join("?" * len(facts))
-    added = connection.execute(
-        f"INSERT INTO episodes ({', '.join(facts)}) VALUES ({marks}) ON CONFLICT DO NOTHING",
-        tuple(facts.values()),
-    )
-    if not added.rowcount:
-        return 0
-    episode = added.lastrowid
-    connection.execute("INSERT INTO metrics (episode) VALUES (?)", (episode,))
-    write_metrics(connection, episode, result.metrics)
-    if result.commands is not None and result.inference_s is not None:
-        connection.execute(
-            "INSERT INTO actions (episode, commands, inference_s) VALUES (?, ?, ?)",
-            (episode, *packed(result.commands, result.inference_s)),
-        )
-    return 1
-
-
-def _json(counters: Mapping[str, float]) -> str:
-    return json.dumps(dict(counters), sort_keys=True)

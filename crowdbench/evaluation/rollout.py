@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.agent import Agent, AgentSpec, Observation, require_drive
-from crowdbench.evaluation.episode import Episode, Outcome
+from crowdbench.evaluation.episode import Episode, Outcome, Source
 from crowdbench.evaluation.heartbeat import RESET
 from crowdbench.messages import describe_error, is_interrupt, plain_text
 from crowdbench.scenario import Scenario
@@ -115,7 +115,9 @@ def run_episode(
     for log in logs:
         _ask_diagnostics(log, agents[log.robot], on_call)
     label = label or type(agent[0]).__name__
-    return [_episode(log, env.scenario, label, seed, states) for log in logs]
+    commands = [np.array(log.commands).reshape(-1, 2) for log in logs]
+    source = Source(env.scenario, seed, commands)
+    return [_episode(log, source, label, states) for log in logs]
 
 
 def warm_up(
@@ -213,10 +215,8 @@ def _top_speed(scenario: Scenario) -> float:
     return max(abs(drive.travel(0.0, corner)[2]) for corner in corners)
 
 
-def _episode(
-    log: _Log, scenario: Scenario, label: str, seed: int, states: Sequence[State]
-) -> Episode:
-    steps = len(log.actions)
+def _episode(log: _Log, source: Source, label: str, states: Sequence[State]) -> Episode:
+    scenario, steps = source.scenario, len(log.actions)
     arrays = {
         key: np.stack([state[key] for state in states[: steps + 1]])
         for key in states[0]
@@ -230,7 +230,7 @@ def _episode(
     return Episode(
         scenario=scenario.name,
         agent=label,
-        seed=seed,
+        seed=source.seed,
         robot=log.robot,
         control_period=scenario.control_period,
         footprint=(scenario.robots.length, scenario.robots.width),
@@ -239,23 +239,29 @@ def _episode(
         goal=states[0]["robot_goal"][log.index],
         walls=states[0]["walls"],
         obstacles=states[0]["obstacles"],
-        pedestrian_radius=scenario.pedestrians.radius,
+        pedestrian_radius=states[0]["pedestrian_radius"],
         robot_pose=poses[:, log.index],
         robot_world_velocity=arrays["robot_world_velocity"][:, log.index],
         robot_speed=arrays["robot_speed"][:, log.index],
         actions=np.array(log.actions).reshape(-1, 2),
-        commands=np.array(log.commands).reshape(-1, 2),
+        commands=source.commands[log.index],
         other_robots=np.delete(others, log.index, axis=1),
         pedestrian_reactive=states[0]["pedestrian_reactive"],
+        pedestrian_attentive=arrays["pedestrian_attentive"],
         pedestrian_position=arrays["pedestrian_position"],
         pedestrian_velocity=arrays["pedestrian_velocity"],
         pedestrian_goal=arrays["pedestrian_goal"],
         pedestrian_intent=arrays["pedestrian_intent"],
         pedestrian_switch_time=arrays["pedestrian_switch_time"],
+        pedestrian_queue=states[0]["pedestrian_queue"],
+        pedestrian_place=arrays["pedestrian_place"],
+        pedestrian_stop_time=arrays["pedestrian_stop_time"],
+        pedestrian_stop_end=arrays["pedestrian_stop_end"],
         inference_s=np.array(log.inference_s[:steps]),
         outcome=log.outcome,
         contact=log.contact,
         error=log.error,
         diagnostics=log.diagnostics,
         processor_share=log.processor_s / max(sum(log.inference_s), 1e-9) if steps else 1.0,
+        source=source,
     )

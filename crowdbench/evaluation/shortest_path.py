@@ -13,7 +13,8 @@ distance that the path must keep from the core.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-9
 """Depth at which a path still counts as touching, not entering [m]."""
 _TURN = 2 * np.pi
+_BLOCK = 8
+"""Cores with which pieces of a path are compared at once."""
 
 
 class _Lines(NamedTuple):
@@ -114,9 +117,13 @@ def _path_among(
     twin = np.any(cores[:, :2] != cores[:, 2:], axis=1)
     centre = np.concatenate([start[None], goal[None], cores[:, :2], cores[twin, 2:]])
     radius = np.concatenate([[0.0, 0.0], reach, reach[twin]])
+    # Walls that meet in a corner share a circle there.
+    _, first = np.unique(np.column_stack([centre, radius]), axis=0, return_index=True)
+    distinct = np.sort(np.concatenate([[0, 1], first[first > 1]]))
+    centre, radius = centre[distinct], radius[distinct]
 
     tail, tail_turn, head, head_turn, lines = _tangents(centre, radius)
-    free = ~np.any(_line_gaps(lines, cores) < reach - _TOLERANCE, axis=1)
+    free = _keeping_clear(_line_gaps, lines, cores, reach)
     tail, tail_turn, head, head_turn = tail[free], tail_turn[free], head[free], head_turn[free]
     lines = _Lines(lines.begin[free], lines.end[free])
 
@@ -131,7 +138,7 @@ def _path_among(
     turn = np.concatenate([tail_turn, head_turn])[on_circle]
     point = np.concatenate([lines.begin, lines.end])[on_circle]
     first, second, arcs = _arcs_between(circle, turn, point, centre, radius)
-    free = ~np.any(_arc_gaps(arcs, cores) < reach - _TOLERANCE, axis=1)
+    free = _keeping_clear(_arc_gaps, arcs, cores, reach)
     arcs = _Arcs(*(part[free] for part in arcs))
 
     begin = np.concatenate([leave, node[first[free]]])
@@ -230,6 +237,21 @@ def _heading(path: _Lines) -> float:
 def _enters(gaps: Array, reach: Array) -> NDArray[np.bool_]:
     """(M,) which of the cores any of the pieces comes too near to, from (N, M) distances."""
     return np.any(gaps < reach - _TOLERANCE, axis=0)
+
+
+def _keeping_clear(
+    gaps: Callable[[Any, Array], Array], pieces: Any, cores: Array, reach: Array
+) -> NDArray[np.int64]:
+    """Indices of the lines or arcs that come too near to no core.
+
+    Most enter one of the first cores, and need not be compared with the rest.
+    """
+    kept = np.arange(len(pieces[0]))
+    for begin in range(0, len(cores), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        some = type(pieces)(*(part[kept] for part in pieces))
+        kept = kept[~np.any(gaps(some, cores[block]) < reach[block] - _TOLERANCE, axis=1)]
+    return kept
 
 
 def _line_gaps(lines: _Lines, cores: Array) -> Array:

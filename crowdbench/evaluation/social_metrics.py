@@ -7,6 +7,7 @@ the T states after each action.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,23 @@ PERSONAL_SPACE = 1.2
 """Hall's zones around a person, between surfaces [m]."""
 SEVERE_GAP = 1.0
 """A cut-off with a shorter gap is severe [s]."""
+
+
+def disturbance(name: str, chance: bool = False) -> Callable[[Episode], float]:
+    """The metric of one number of ``crowdbench.evaluation.disturbance.Shift``.
+
+    Args:
+        name: of the number.
+        chance: of people who are pushed by a millimetre, instead of those who meet the robot.
+    """
+
+    def metric(episode: Episode) -> float:
+        found = episode.source.disturbance if episode.source else None
+        if found is None:
+            return math.nan
+        return float(getattr(found.noise_floor if chance else found.by_robot, name))
+
+    return metric
 
 
 def cutoff(episode: Episode) -> float:
@@ -55,14 +73,14 @@ def near_misses_per_min(episode: Episode) -> float:
 
 def min_dist(episode: Episode) -> float:
     """Least distance between the robot's centre and a pedestrian's [m]; NaN without any."""
-    distance = interactions.centre_distance(episode.robot_pose[:, :2], episode.pedestrian_position)
-    return float(distance.min()) if distance.size else math.nan
+    return _least(
+        interactions.centre_distance(episode.robot_pose[:, :2], episode.pedestrian_position)
+    )
 
 
 def min_clearance(episode: Episode) -> float:
     """Least distance between the robot's footprint and a pedestrian [m]; NaN without any."""
-    distance = episode.clearance
-    return float(distance.min()) if distance.size else math.nan
+    return _least(episode.clearance)
 
 
 def ttc_below_1s(episode: Episode) -> float:
@@ -106,6 +124,12 @@ def time_to_collision(episode: Episode) -> NDArray[np.float64]:
         episode.pedestrian_velocity[1:] - episode.robot_world_velocity[1:, None],
         episode.reach,
     )
+
+
+def _least(distance: NDArray[np.float64]) -> float:
+    """Of those who are there; NaN without any."""
+    there = distance[np.isfinite(distance)]
+    return float(there.min()) if there.size else math.nan
 
 
 def _per_minute(episode: Episode, events: float) -> float:

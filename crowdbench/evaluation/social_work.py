@@ -49,7 +49,7 @@ def social_work(
         position: (N, 2) of the robot in each state [m].
         velocity: (N, 2) [m/s].
         radius: of the circle around its footprint [m].
-        people_position: (N, P, 2) [m].
+        people_position: (N, P, 2) [m]; NaN where somebody is not there.
         people_velocity: (N, P, 2) [m/s].
         walls: (S, 4) segments x1, y1, x2, y2 [m].
         obstacles: (K, 3) x, y, radius [m].
@@ -58,6 +58,7 @@ def social_work(
         (N,) [m/s^2].
     """
     forces = social_force(people_position - position[:, None], velocity[:, None] - people_velocity)
+    forces[np.isnan(people_position[..., 0])] = 0.0
     on_robot = np.linalg.norm(forces.sum(axis=1), axis=1)
     on_people = np.linalg.norm(forces, axis=2).sum(axis=1)
     distance = boundary_distance(position, walls, obstacles)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from crowdbench.evaluation.database import opened_for_reading
+from crowdbench.evaluation.database import CELL_IS, opened_for_reading
 from crowdbench.evaluation.driven import simulate
 from crowdbench.evaluation.episode import Episode
-from crowdbench.evaluation.results import CELL_IS, Cell, latest_cells, load_driven
+from crowdbench.evaluation.results import Cell, latest_cells, load_driven
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 
 

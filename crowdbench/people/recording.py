@@ -170,6 +170,12 @@ class CrowdRecording:
         return self.positions.min(axis=0), self.positions.max(axis=0)
 
     @cached_property
+    def segments(self) -> FloatArray:
+        """The walls piece by piece, (S, 4) x1, y1, x2, y2 [m]."""
+        pieces = [np.hstack([line[:-1], line[1:]]) for line in self.walls]
+        return np.concatenate([np.empty((0, 4)), *pieces])
+
+    @cached_property
     def area(self) -> float:
         """Of all square cells of half a metre that somebody sets foot in [m²]."""
         cells = np.floor(self.positions / _SIDE).astype(np.int64)

@@ -9,16 +9,17 @@ field and what is allowed.
 from crowdbench.messages import nearest
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.errors import NoRoomError, ScenarioError
-from crowdbench.scenario.files import load_scenario, parse_overrides, scenario_names
+from crowdbench.scenario.files import load_scenario, parse_overrides, scenario_names, scenario_tiers
 from crowdbench.scenario.model import Scenario
 from crowdbench.scenario.people import Pedestrians
-from crowdbench.scenario.sections import Arena, Lidar, Obstacles, Reward, Robots
+from crowdbench.scenario.sections import Arena, Lidar, Obstacles, Odometry, Reward, Robots
 
 __all__ = [
     "Arena",
     "Lidar",
     "NoRoomError",
     "Obstacles",
+    "Odometry",
     "Pedestrians",
     "Reward",
     "Robots",
@@ -29,4 +30,5 @@ __all__ = [
     "nearest",
     "parse_overrides",
     "scenario_names",
+    "scenario_tiers",
 ]

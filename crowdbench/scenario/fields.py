@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+)
 
 from crowdbench.messages import Form
 from crowdbench.registry import Registry
@@ -45,7 +53,17 @@ Signed = Annotated[Number, Field(ge=-20, le=20)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 Weight = Annotated[Number, Field(ge=-1_000_000, le=1_000_000)]
 Range = Annotated[tuple[T, T], AfterValidator(_ordered), Form("two numbers, lowest then highest")]
+OneOrRange = Annotated[
+    # Names of branches in brackets are left out of messages.
+    Annotated[T, Tag("<number>")] | Annotated[Range[T], Tag("<range>")],
+    Discriminator(lambda value: "<range>" if isinstance(value, list | tuple) else "<number>"),
+]
 Pair = Annotated[tuple[T, T], Form("two numbers, one for each number of an action")]
+_Offset = Annotated[Number, Field(ge=-3.15, le=3.15)]
+Mount = Annotated[
+    tuple[_Offset, _Offset, _Offset], Form("three numbers, x and y [m] and heading [rad]")
+]
+"""A pose on the robot: ahead, to the left, and turned left."""
 
 
 class Section(BaseModel):

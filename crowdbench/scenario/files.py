@@ -18,11 +18,29 @@ from crowdbench.strict_yaml import YamlError, load_yaml, read_yaml
 _LONGEST_NAME = 200
 
 
-def scenario_names() -> list[str]:
-    """Names of the scenarios that come with crowdbench, in the order of the paper's tables."""
-    documents = {path.name[:-5]: _read(path) for path in _folder().iterdir() if _is_yaml(path)}
-    listed = [name for name, document in documents.items() if not document.get("abstract")]
-    return sorted(listed, key=lambda name: (documents[name].get("order", 99), name))
+def scenario_names(tier: str | None = None) -> list[str]:
+    """Names of the scenarios that come with crowdbench, tier by tier.
+
+    Args:
+        tier: only those of it, e.g. ``paper``, in the order of the paper's tables.
+    """
+    return [name for name, its in _tiers().items() if tier in (None, its)]
+
+
+def scenario_tiers() -> list[str]:
+    """Kinds of scenarios that come with crowdbench, by how hard they are."""
+    return list(dict.fromkeys(_tiers().values()))
+
+
+@cache
+def _tiers() -> dict[str, str]:
+    """The tier of each scenario, in their order."""
+    found = []
+    for path in _folder().iterdir():
+        if _is_yaml(path) and not _read(path).get("abstract"):
+            document = _resolve(path.name[:-5], base=None, seen=())
+            found.append((document["order"], path.name[:-5], document["tier"]))
+    return {name: tier for _, name, tier in sorted(found)}
 
 
 def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
@@ -43,7 +61,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     elif not changes and not _is_path(str(name)):
         scenario = _own(str(name))
     else:
-        document = _resolve(str(name), base=None, seen=())
+        document = _scenario(str(name))
         for key, value in flatten(changes).items():
             assign(document, key, value)
         scenario = validate(document, source=str(name))
@@ -74,7 +92,13 @@ def parse_overrides(items: list[str]) -> dict[str, Any]:
 @cache
 def _own(name: str) -> Scenario:
     """A built-in scenario as it is: parsed once, as rows by the hundred name the same few."""
-    return validate(_resolve(name, base=None, seen=()), source=name)
+    return validate(_scenario(name), source=name)
+
+
+def _scenario(name: str) -> dict[str, Any]:
+    """The document of a scenario, without what says where it stands in lists."""
+    document = _resolve(name, base=None, seen=())
+    return {key: value for key, value in document.items() if key not in ("order", "tier")}
 
 
 def _warn_of_passed_goals(scenario: Scenario) -> None:
@@ -131,9 +155,9 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
             f"{printable(path)}: extends itself ({printable(' -> '.join((*seen, place)))})"
         )
     document = _read(path)
+    _locate(document, Path(str(path)).parent)
     parent = document.pop("extends", None)
     document.pop("abstract", None)
-    document.pop("order", None)
     document.setdefault("name", Path(name).stem)
     if parent is None:
         return document
@@ -143,6 +167,21 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     return merge(beneath, document)
+
+
+def _locate(document: dict[str, Any], folder: Path) -> None:
+    """Make paths in a scenario's file, which start where it is, ones that start anywhere."""
+    arena = document.get("arena")
+    if isinstance(arena, dict) and isinstance(arena.get("image"), str):
+        arena["image"] = str(folder / arena["image"])
+    people = document.get("pedestrians")
+    if not isinstance(people, dict):
+        return
+    settings = people.get("recording")
+    if isinstance(settings, str):
+        people["recording"] = str(folder / settings)
+    elif isinstance(settings, dict) and isinstance(settings.get("file"), str):
+        settings["file"] = str(folder / settings["file"])
 
 
 def _is_file(path: Any) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from crowdbench.messages import Form, explain, quoted
-from crowdbench.scenario import room
+from crowdbench.scenario import crowd, maps, recorded, room, streams
 from crowdbench.scenario.changes import assign, flatten
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
@@ -70,6 +70,18 @@ class Scenario(Section):
             assign(document, key, value)
         return validate(document, source=self.name)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _image_read(cls, document: Any) -> Any:
+        """What an image shows stands in the scenario from here on; its files are read once."""
+        if not isinstance(document, dict):
+            return document
+        arena = document.get("arena")
+        arena = arena.model_dump() if isinstance(arena, Arena) else arena
+        return (
+            {**document, "arena": maps.with_image(arena)} if isinstance(arena, dict) else document
+        )
+
     @model_validator(mode="after")
     def _it_ends(self) -> Scenario:
         if self.time_limit > (MAX_STEPS + 0.5) * self.control_period:
@@ -82,8 +94,15 @@ class Scenario(Section):
         return self
 
     @model_validator(mode="after")
+    def _as_recorded(self) -> Scenario:
+        for name, fields in recorded.completed(self).items():
+            self.__dict__[name] = getattr(self, name).model_copy(update=fields)
+        return self
+
+    @model_validator(mode="after")
     def _everybody_fits(self) -> Scenario:
-        if problem := room.misfit(self):
+        checks = maps.misplaced, streams.misrouted, room.misfit, crowd.misfit
+        if problem := next(filter(None, (check(self) for check in checks)), ""):
             raise ValueError(problem)
         return self
 

@@ -37,13 +37,13 @@ def longest_travel(arena: Arena, robots: Robots) -> float:
 
 
 def misfit(scenario: Scenario) -> str:
-    """Which field leaves no room, whatever the seed, with its bound; empty where there may be."""
+    """Which field does not fit the others, whatever the seed, with its bound; empty if none."""
     arena, robots, people = scenario.arena, scenario.robots, scenario.pedestrians
     diameter = 2 * robot_radius(robots)
     needs = [("length", diameter, "for a robot of robots.length x robots.width to turn")]
     needs += [("width", *needs[0][1:])]
     if people.count:
-        across = 2 * people.radius
+        across = 2 * people.radii[1]
         needs += [(side, across, "for pedestrians.radius") for side in ("length", "width")]
     if scenario.obstacles.count:
         across = 2 * scenario.obstacles.radius[0]
@@ -56,8 +56,15 @@ def misfit(scenario: Scenario) -> str:
             return (
                 f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {_up(needed):g}"
             )
+    for axis, offset, side in zip("xy", scenario.lidar.mount, ("length", "width"), strict=False):
+        half = getattr(robots, side) / 2
+        if abs(offset) > half + _ROUNDING:
+            return (
+                f"lidar.mount: {axis} = {offset:g} m lies outside the footprint (robots.{side} "
+                f"{2 * half:g} m); allowed: -{half:g} to {half:g}"
+            )
     longest = longest_travel(arena, robots)
-    if robots.travel > longest + _ROUNDING:
+    if robots.start is None and robots.travel > longest + _ROUNDING:
         across = 0.0 if arena.kind == "corridor" else arena.width - diameter
         length = diameter + math.sqrt(max(0.0, robots.travel**2 - across**2))
         return (

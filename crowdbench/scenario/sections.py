@@ -7,8 +7,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from crowdbench.extensions import DRIVES
+from crowdbench.messages import Form
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import (
+    Mount,
     NonNegative,
     Pair,
     Positive,
@@ -22,16 +24,58 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
+from crowdbench.scenario.places import Box, Centre, Place, Polygons, Regions, Walls
 
 
 class Arena(Section):
     """Where the scene takes place; the origin is its centre, a corridor runs along x."""
 
-    kind: Literal["open", "corridor"] = Field(
-        "open", description="a corridor has walls on its long sides"
+    kind: Literal["open", "corridor", "map"] = Field(
+        "open", description="a corridor has walls on its long sides, a map those that it says"
     )
-    length: Positive = Field(10.0, le=200, description="extent along x [m]")
-    width: Positive = Field(10.0, le=200, description="extent along y [m]")
+    length: Positive = Field(10.0, le=200, description="extent along x [m]; an image says its own")
+    width: Positive = Field(10.0, le=200, description="extent along y [m]; an image says its own")
+    walls: Walls = later((), "0.2", description="map: thin walls [x1, y1, x2, y2] [m]")
+    polygons: Polygons = later((), "0.2", description="map: what is solid, by its corners [m]")
+    image: Annotated[Text, Form("the name of a YAML file of map_server")] | None = later(
+        None,
+        "0.2",
+        description="map: YAML file of map_server; read once, what it shows becomes polygons",
+    )
+    regions: Regions = later(
+        {}, "0.2", description="by name: [x_min, y_min, x_max, y_max] or corners of a polygon [m]"
+    )
+    centre: Centre = later(
+        (0.0, 0.0), "0.2", description="map: of the area [m]; an image says its own"
+    )
+
+    @property
+    def bounds(self) -> Box:
+        """x_min, y_min, x_max, y_max [m]"""
+        (x, y), half_length, half_width = self.centre, self.length / 2, self.width / 2
+        return x - half_length, y - half_width, x + half_length, y + half_width
+
+
+class Odometry(Section):
+    """Noise of the odometry, by which a robot's belief of its own pose drifts away from the truth.
+
+    After the odometry motion model of Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), section
+    5.4: each control period is a turn, a way straight on and another turn, and each of the three is
+    believed with a normal error whose variance these say.
+    """
+
+    rotation: NonNegative = later(
+        0.0, "0.2", le=1, description="variance of a turn by its square (alpha_1)"
+    )
+    rotation_by_translation: NonNegative = later(
+        0.0, "0.2", le=1, description="of a turn by the square of the way (alpha_2) [rad²/m²]"
+    )
+    translation: NonNegative = later(
+        0.0, "0.2", le=1, description="of the way by its square (alpha_3)"
+    )
+    translation_by_rotation: NonNegative = later(
+        0.0, "0.2", le=1, description="of the way by the squares of the turns (alpha_4) [m²/rad²]"
+    )
 
 
 class Robots(Section):
@@ -53,12 +97,30 @@ class Robots(Section):
     acceleration: Pair[Positive] | None = Field(
         None, description="limits on the change of either number of an action in a second"
     )
-    travel: Positive = Field(8.0, le=200, description="straight distance from start to goal [m]")
+    latency: Annotated[int, Field(ge=0, le=50, strict=True), Whole] = later(
+        0, "0.2", description="whole control periods until a command acts; before, the robot stands"
+    )
+    odometry: Odometry = later(
+        Odometry(), "0.2", description="drift of what the robot believes of its pose"
+    )
+    travel: Positive = Field(
+        8.0, le=200, description="straight distance from start to goal [m]; unless both are given"
+    )
+    start: Place = later(
+        None, "0.2", description="region of arena.regions, or point [x, y], where robots begin"
+    )
+    goal: Place = later(None, "0.2", description="region or point that they drive to")
+    look_ahead: Positive = later(
+        3.0,
+        "0.2",
+        le=200,
+        description="map: how far ahead on the shortest path the observed goal is at most [m]",
+    )
     goal_tolerance: Positive = Field(0.3, le=5, description="arrival distance [m]")
 
 
 class Lidar(Section):
-    """A planar LiDAR at the robot's centre."""
+    """A planar LiDAR on the robot, by default at its centre."""
 
     beams: Annotated[int, Field(ge=1, le=4096, strict=True), Whole] = Field(
         180, description="rays per scan, evenly spaced"
@@ -67,6 +129,9 @@ class Lidar(Section):
     range: Positive = Field(6.0, le=100, description="largest distance reported [m]")
     noise: NonNegative = Field(0.0, le=1, description="standard deviation of a distance [m]")
     dropout: Share = Field(0.0, description="share of beams that report the full range")
+    mount: Mount = later(
+        (0.0, 0.0, 0.0), "0.2", description="where on the robot it is: x, y [m], heading [rad]"
+    )
 
 
 class Obstacles(Section):

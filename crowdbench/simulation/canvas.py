@@ -31,8 +31,10 @@ LONGEST, NARROWEST = 1120.0, 520
 class View:
     """Where world coordinates fall on the picture."""
 
-    def __init__(self, length: float, width: float) -> None:
-        self.length, self.width = length, width
+    def __init__(
+        self, length: float, width: float, centre: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        self.length, self.width, self.centre = length, width, np.array(centre)
         self.scale = min(np.sqrt(AREA / (length * width)), LONGEST / max(length, width))
         wide = max(NARROWEST, round(length * self.scale) + 2 * MARGIN)
         high = round(width * self.scale) + 2 * MARGIN
@@ -41,12 +43,12 @@ class View:
     def pixels(self, points: Points) -> Points:
         """World positions (..., 2) [m] to enlarged picture coordinates (..., 2)."""
         centre = np.array(self.size) / 2
-        return SUPERSAMPLING * (centre + self.scale * np.asarray(points) * (1, -1))
+        return SUPERSAMPLING * (centre + self.scale * (points - self.centre) * (1, -1))
 
     def floor(self) -> tuple[Points, Points]:
         """Upper left and lower right corner of the arena, in enlarged picture coordinates."""
         corner = np.array([self.length, -self.width]) / 2
-        return self.pixels(-corner), self.pixels(corner)
+        return self.pixels(self.centre - corner), self.pixels(self.centre + corner)
 
 
 class Brush:

@@ -29,6 +29,7 @@ of the other."""
 _CALLED = (
     "cpSpaceStep",
     "cpSpaceSetCollisionBias",
+    "cpBodySetPosition",
     "cpBodySetVelocity",
     "cpBodySetAngularVelocity",
     "cpBodyGetPosition",
@@ -41,6 +42,7 @@ _CALLED = (
 (
     STEP,
     SET_BIAS,
+    SET_POSITION,
     SET_VELOCITY,
     SET_TURN_RATE,
     GET_POSITION,
@@ -165,6 +167,8 @@ def _touch(arbiter, _space, hook):  # type: ignore[no-untyped-def]
 
 
 _IDENTITY = ffi.new("cpTransform *", (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))[0]
+_APART = ffi.new("cpShapeFilter *", (1, 2**32 - 1, 2**32 - 1))[0]
+"""Shapes of a group do not meet."""
 _BEGIN = ffi.cast("cpCollisionBeginFunc", _touch.address)
 
 
@@ -182,20 +186,23 @@ class Bodies:
         pose: NDArray[np.float64],
         corners: list[tuple[float, float]],
         position: NDArray[np.float64],
-        radius: float,
+        radius: NDArray[np.float64],
         obstacles: NDArray[np.float64],
         walls: NDArray[np.float64],
         contacts: NDArray[np.float64],
+        *,
+        apart: bool = False,
     ) -> None:
         """Put everything into a new space, in a fixed order, on which contacts depend.
 
         Args:
             pose: (R, 3) of robots, x, y [m], heading [rad].
             corners: of their footprint [m].
-            position: (P, 2) of pedestrians [m], all of ``radius`` [m].
+            position, radius: (P, 2), (P,) of pedestrians [m].
             obstacles: (K, 3) x, y, radius [m].
             walls: (S, 4) x1, y1, x2, y2 [m].
             contacts: (R, CONTACT) C-contiguous; must outlive this.
+            apart: pedestrians touch robots alone, neither each other nor what is static.
         """
         contacts[:] = 0.0
         self.contacts = contacts
@@ -210,13 +217,16 @@ class Bodies:
             shape = lib.cpPolyShapeNew(body, len(corners), corners, _IDENTITY, 0.0)
             lib.cpShapeSetCollisionType(shape, _COLLIDES)
             self._add_shape(shape, _ROBOT, r)
-        for p, (x, y) in enumerate(position.tolist()):
+        for p, ((x, y), around) in enumerate(zip(position.tolist(), radius.tolist(), strict=True)):
             body = self._add_body(_MASS_OF_PERSON, x, y)
-            self._add_shape(lib.cpCircleShapeNew(body, radius, (0.0, 0.0)), _PEDESTRIAN, p)
+            self._add_shape(lib.cpCircleShapeNew(body, around, (0.0, 0.0)), _PEDESTRIAN, p)
         for k, (x, y, around) in enumerate(obstacles.tolist()):
             self._add_shape(lib.cpCircleShapeNew(ground, around, (x, y)), _OBSTACLE, k)
         for s, (x1, y1, x2, y2) in enumerate(walls.tolist()):
             self._add_shape(lib.cpSegmentShapeNew(ground, (x1, y1), (x2, y2), 0.0), _WALL, s)
+        if apart:
+            for shape in self._shapes[len(pose) :]:
+                lib.cpShapeSetFilter(shape, _APART)
         self._hook = np.empty(len(FUNCTIONS) + 1, dtype=np.uint64)
         self._hook[:-1], self._hook[-1] = FUNCTIONS, contacts.ctypes.data
         handler = lib.cpSpaceAddCollisionHandler(self._space, _COLLIDES, _ANY)
@@ -238,6 +248,12 @@ class Bodies:
         robots = len(self._bodies) - len(velocities)
         for body, velocity in zip(self._bodies[robots:], velocities, strict=True):
             lib.cpBodySetVelocity(body, velocity)
+
+    def place(self, person: int, x: float, y: float) -> None:
+        """Put a pedestrian elsewhere [m]."""
+        body = self._bodies[len(self.contacts) + person]
+        lib.cpBodySetPosition(body, (x, y))
+        lib.cpSpaceReindexShapesForBody(self._space, body)
 
     def drive(self, robot: int, x: float, y: float, turn_rate: float) -> None:
         """Give a robot its velocity [m/s] and turn rate [rad/s]."""

@@ -12,8 +12,10 @@ are agents too, ``pedestrian_0``, ``pedestrian_1``, ...
 Action space
 ------------
 Robots: ``Box(2,)``, held for one control period (``control_period``, 0.2 s). Actions out of range
-are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. The first
-number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the drive's (left > 0):
+are clipped, then limited by ``robots.acceleration`` where the scenario has such limits. With
+``robots.latency`` they act that many control periods later; until the first one does the robot
+stands. The first number is the forward speed (``robots.speed``, 0 to 1 m/s), the second is the
+drive's (left > 0):
 
 ===================  ======================================================================
 ``robots.drive``     second number of an action
@@ -35,12 +37,17 @@ Robots: ``Dict`` of float32.
 ============  ==========  ==================================================================
 key           shape       meaning
 ============  ==========  ==================================================================
-``lidar``     (beams,)    distance from the robot's centre to the nearest surface along each
-                          beam [m], ``lidar.range`` where nothing is hit; a full circle starts
-                          ahead and goes counter-clockwise
+``lidar``     (beams,)    distance from the LiDAR (``lidar.mount``, the robot's centre) to the
+                          nearest surface along each beam [m], ``lidar.range`` where nothing is
+                          hit; a full circle starts ahead of it and goes counter-clockwise
 ``velocity``  (2,)        what the drive does, in the terms of its actions
-``goal``      (2,)        goal in the robot frame, x ahead, y left [m]
-``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero
+``goal``      (2,)        goal in the robot frame, x ahead, y left [m]; on a map, a point ahead
+                          on the shortest path to it, which a straight line reaches
+``pose``      (3,)        odometry since reset: x, y [m], heading [rad]; starts at zero, and
+                          drifts by ``robots.odometry``
+``map``       (cells,     uint8, where ``obstacle_map`` is given: bit k of a cell says that
+              cells)      something was there in the scan k steps ago, k = 0 .. 7; drawn from
+                          where the robot will be when its next action begins to act
 ============  ==========  ==================================================================
 
 Pedestrians: ``Dict`` of float32, in world axes; everything but ``velocity`` is relative to the
@@ -50,7 +57,7 @@ pedestrian. R robots, P pedestrians.
 key              shape        meaning
 ===============  ===========  ==============================================================
 ``velocity``     (2,)         its own velocity [m/s]
-``goal``         (2,)         offset to its current goal [m]
+``goal``         (2,)         offset to its current goal, or the next point of its way there [m]
 ``robots``       (R, 4)       offset [m] and relative velocity [m/s] of each robot; zeros for
                               one that has left the scene
 ``pedestrians``  (P - 1, 4)   the same of every other pedestrian
@@ -63,23 +70,24 @@ Starting state
 --------------
 Drawn from the episode seed. In the open, robots start on a circle of diameter ``robots.travel``
 with their goals opposite; in a corridor, ``robots.travel`` metres from them along it; where several
-robots leave no room there, on lines elsewhere in the arena. Both ends lie inside the arena. Robots
-stand still and face their goals to within 30 degrees. Obstacles and pedestrians lie at random
-without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and already
-walking.
+robots leave no room there, on lines elsewhere in the arena. ``robots.start`` and ``robots.goal``
+say other places, as on every map. Both ends lie inside the arena. Robots stand still and face their
+goals, or the first stretch of the path, to within 30 degrees. Obstacles and pedestrians lie at
+random without overlap, pedestrians at least ``pedestrians.spawn_clearance`` from every robot and
+already walking.
 
 Rewards
 -------
 Robots: the sum of three terms (paper, section III.B), weights in the scenario's ``reward``; their
 defaults are given here.
 
-- ``goal``: 20 on arrival, else 9 per metre gained towards the goal.
+- ``goal``: 20 on arrival, else 9 per metre gained towards the goal, on a map along the path.
 - ``collision``: -60 on contact, else -0.4 (1 - d / 1.25 m) where the nearest surface is
-  d < 1.25 m from the robot's centre.
+  d < 1.25 m from the LiDAR.
 - ``social``: 0.2 (1 - d / 1.2 m), negative for cutting in front of a walking pedestrian that would
   come nearer than 1.2 m within 2 s, positive for yielding where full speed would have cut in.
 
-Pedestrians: metres gained towards their current goal.
+Pedestrians: metres gained towards their current goal, or the next point of their way there.
 
 Episode end
 -----------
@@ -109,10 +117,13 @@ far, about a tenth of a millisecond per step, and has no window.
 
 Arguments
 ---------
-``crowdbench.parallel_env(scenario="multimodal_fast", render_mode=None, **overrides)``
+``crowdbench.parallel_env(scenario="multimodal_fast", render_mode=None, obstacle_map=None,
+**overrides)``
 
 - ``scenario``: name, path of a YAML file, or a ``Scenario``.
 - ``render_mode``: ``human`` (a window), ``rgb_array`` or None.
+- ``obstacle_map``: a ``MapGeometry`` for robots to observe the last eight scans as one image too
+  (``crowdbench.ObstacleMap``), ``MapGeometry()`` for that of the learned agents.
 - ``overrides``: scenario fields, nested (``pedestrians={"count": 12}``) or dotted
   (``**{"pedestrians.count": 12}``).
 
@@ -134,6 +145,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -147,6 +159,8 @@ from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
+from crowdbench.simulation.map_layout import places_of
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import World
@@ -163,6 +177,7 @@ PEDESTRIAN_TOP_SPEED = 2.0
 def parallel_env(
     scenario: str | Path | Scenario = "multimodal_fast",
     render_mode: RenderMode | None = None,
+    obstacle_map: MapGeometry | None = None,
     **overrides: Any,
 ) -> CrowdEnv:
     """Make the PettingZoo parallel environment of a scenario.
@@ -170,12 +185,13 @@ def parallel_env(
     Args:
         scenario: name of a built-in scenario, path of a YAML file, or a Scenario.
         render_mode: ``human``, ``rgb_array`` or None.
+        obstacle_map: where the map lies that robots also observe; None: they observe none.
         overrides: scenario fields, nested (``pedestrians={"count": 12}``) or dotted.
 
     Raises:
         ScenarioError: unknown scenario or field, or a value out of range.
     """
-    return CrowdEnv(load_scenario(scenario, **overrides), render_mode=render_mode)
+    return CrowdEnv(load_scenario(scenario, **overrides), render_mode, obstacle_map)
 
 
 class CrowdEnv(ParallelEnv):
@@ -195,18 +211,25 @@ class CrowdEnv(ParallelEnv):
         "render_fps": 5,
     }
 
-    def __init__(self, scenario: Scenario, render_mode: RenderMode | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        render_mode: RenderMode | None = None,
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Prepare the spaces; the world is built by ``reset``.
 
         Raises:
             ValueError: an unknown render mode.
-            ScenarioError: the drive cannot be used, or bodies are too fast for their size.
+            ScenarioError: the drive cannot be used, bodies are too fast for their size, or a region
+                has no room.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             modes = self.metadata["render_modes"]
             raise ValueError(f"render_mode {render_mode!r}: expected None or one of {modes}")
         self.scenario = scenario
         self.render_mode = render_mode
+        self._obstacle_map = obstacle_map
         fps = round(1 / scenario.control_period, 6)
         whole = int(fps) if fps.is_integer() and fps > 0 else 1 / scenario.control_period
         self.metadata = {**type(self).metadata, "render_fps": whole}
@@ -217,11 +240,17 @@ class CrowdEnv(ParallelEnv):
         self.agents: list[str] = []
         drive = make_drive(scenario)
         self.action_spaces, self.observation_spaces = observations.agent_spaces(
-            scenario, drive, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED
+            scenario,
+            drive,
+            self._robots,
+            list(self._walkers),
+            PEDESTRIAN_TOP_SPEED,
+            obstacle_map,
         )
         self.state_space = observations.state_space(scenario)
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
+        places_of(scenario)
         self._low, self._high = drive.low, drive.high
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None
@@ -237,8 +266,11 @@ class CrowdEnv(ParallelEnv):
         return self.action_spaces[agent]
 
     def robot_spec(self, agent: str = "robot_0") -> RobotSpec:
-        """What a planner may know about a robot."""
-        return RobotSpec.from_scenario(self.scenario, agent)
+        """What a planner may know about a robot; its goal once the environment has been reset."""
+        spec = RobotSpec.from_scenario(self.scenario, agent)
+        if self._world is None or agent not in self._robots:
+            return spec
+        return replace(spec, goal=observations.final_goal(self._world, self._robots.index(agent)))
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -270,7 +302,7 @@ class CrowdEnv(ParallelEnv):
     def _begin(self, seed: int) -> dict[str, Any]:
         """Build the world of an episode; observations by agent."""
         if self._world is None:
-            self._world = World(self.scenario, seed)
+            self._world = World(self.scenario, seed, self._obstacle_map)
         else:
             self._world.begin(seed)
         self._seed = seed
@@ -286,6 +318,7 @@ class CrowdEnv(ParallelEnv):
         return {
             "scenario": self.scenario,
             "render_mode": self.render_mode,
+            "obstacle_map": self._obstacle_map,
             "spaces": (self.action_spaces, self.observation_spaces),
             "next_seed": self._next_seed,
             "episode": (self._seed, self._taken) if begun else None,
@@ -293,7 +326,7 @@ class CrowdEnv(ParallelEnv):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Simulate the episode so far again: physics cannot be copied, but is exact."""
-        self.__init__(state["scenario"], state["render_mode"])  # type: ignore[misc]
+        self.__init__(*(state[key] for key in ("scenario", "render_mode", "obstacle_map")))  # type: ignore[misc]
         self.action_spaces, self.observation_spaces = state["spaces"]
         self._next_seed = state["next_seed"]
         if state["episode"] is not None:
@@ -366,8 +399,9 @@ class CrowdEnv(ParallelEnv):
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
         seen |= observations.observe_pedestrians(world, self._walkers)
+        targets = world.ways[:, 0] if self._walkers else world.pedestrians.goal
         for name, p in self._walkers.items():
-            goal, after = world.pedestrians.goal[p], world.pedestrians.position[p]
+            goal, after = targets[p], world.pedestrians.position[p]
             # To its present goal: a new one, further away, is no loss.
             rewards[name] = math.dist(goal, before[p]) - math.dist(goal, after)
             terminations[name], truncations[name], infos[name] = False, over, {}

@@ -15,11 +15,17 @@ from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import RUNNING, TIMEOUT
+from crowdbench.simulation.map_layout import places_of
+from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import Lane
 from crowdbench.simulation.worlds import Worlds
 
-_OWN = {"robots": {"travel", "goal_tolerance"}, "lidar": {"noise", "dropout"}}
+_OWN = {
+    "robots": {"travel", "start", "goal", "look_ahead", "goal_tolerance", "odometry"},
+    "lidar": {"noise", "dropout"},
+}
 """Fields of robots and LiDAR in which lanes may differ."""
 
 
@@ -49,40 +55,62 @@ class Episodes:
     Attributes:
         scenarios: that may be drawn.
         count, robots: N, and R in each lane.
+        drive: of all robots.
+        action_spaces, observation_spaces: of a robot in one lane, by name.
+        begun: whether there have been episodes.
         over: (N,) no episode is running.
         scenario: (N,) index of the present one.
         seed: (N,) of the present episode.
     """
 
-    def __init__(self, scenarios: Sequence[Scenario], count: int) -> None:
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        count: int,
+        weights: Sequence[float] | None = None,
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Make room; no episode begins.
 
+        Args:
+            scenarios: that may be drawn.
+            count: N.
+            weights: how often each is drawn; None draws all alike.
+            obstacle_map: where the map lies that robots also observe; None: they observe none.
+
         Raises:
-            ValueError: no lanes or no scenarios.
+            ValueError: no lanes, no scenarios, or weights that cannot be.
             ScenarioError: a scenario cannot be used, or not together with the first.
         """
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
             raise ValueError(f"num_envs: {count!r}; allowed: a whole number of at least 1")
         if not scenarios:
             raise ValueError("scenario: an empty list; allowed: at least one scenario")
-        for scenario in scenarios:
-            _check_alike(scenarios[0], scenario)
+        for place, scenario in enumerate(scenarios):
+            _check_alike(scenarios[0], scenario, place)
             if scenario.pedestrians.control != "scripted":
                 raise ScenarioError(
                     f"scenario {scenario.name!r}: pedestrians.control: "
                     f"{scenario.pedestrians.control!r}; allowed in lanes: 'scripted'"
                 )
             check_speeds(scenario, make_drive(scenario), scenario.pedestrians.speed[1])
+            places_of(scenario)
         self.scenarios = list(scenarios)
         self.count, self.robots = int(count), scenarios[0].robots.count
         self.over = np.ones(count, dtype=np.bool_)
         self.scenario, self.seed = np.zeros((2, count), dtype=np.int64)
-        self._worlds = Worlds(count, scenarios)
+        self.drive = make_drive(scenarios[0])
+        robots = [f"robot_{r}" for r in range(self.robots)]
+        self.action_spaces, self.observation_spaces = observations.agent_spaces(
+            scenarios[0], self.drive, robots, [], 0.0, obstacle_map
+        )
+        self.begun = self._closed = False
+        self._worlds = Worlds(count, scenarios, obstacle_map)
         self._limits = np.array([scenario.max_steps for scenario in scenarios])
         self._steps = np.zeros(count, dtype=np.int64)
         self._seeds = [np.random.default_rng() for _ in range(count)]
         self._draws = [np.random.default_rng() for _ in range(count)]
-        self._shares = np.ones(len(scenarios)) / len(scenarios)
+        self.weights = [1.0] * len(scenarios) if weights is None else weights
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -108,18 +136,30 @@ class Episodes:
             )
         self._shares = shares / shares.sum()
 
-    def begin(self, lane: int, seed: int | None = None, scenario: int | None = None) -> None:
-        """Begin an episode in a lane.
+    def begin(
+        self,
+        lanes: NDArray[np.int64],
+        seeds: Sequence[int | None] | None = None,
+        scenarios: Sequence[int | None] | None = None,
+    ) -> None:
+        """Begin episodes in some lanes (M,); ``observations`` has what is seen then.
 
         Args:
-            lane: which.
-            seed: of the episode; from it the lane also draws those of later episodes and their
-                scenarios. None draws the next one.
-            scenario: index of its scenario; None draws it by weight.
+            lanes: which.
+            seeds: (N,) of the episodes, by lane; from it a lane also draws those of later episodes
+                and their scenarios. None, there or here, draws the next one.
+            scenarios: (N,) indices of their scenarios, by lane; None draws them by weight.
 
         Raises:
-            ScenarioError: the scenario has no room.
+            ScenarioError: a scenario has no room.
         """
+        nothing = [None] * self.count
+        for lane in lanes.tolist():
+            self._begin(lane, (seeds or nothing)[lane], (scenarios or nothing)[lane])
+        self._worlds.observe(lanes)
+        self.begun = True
+
+    def _begin(self, lane: int, seed: int | None, scenario: int | None) -> None:
         if seed is None:
             seed = int(self._seeds[lane].integers(2**31))
         else:
@@ -132,20 +172,47 @@ class Episodes:
         self._steps[lane] = 0
         self.over[lane] = False
 
-    def observe(self, lanes: NDArray[np.int64]) -> None:
-        """Write what is seen at the beginning of the lanes' episodes into ``seen``."""
-        self._worlds.observe(lanes)
-
-    @property
-    def seen(self) -> NDArray[np.float32]:
-        """(N, R, PROPRIOCEPTION + beams) latest observations, as ``as_observation`` names them."""
-        return self._worlds.state.seen
+    def observations(self, robot: int) -> dict[str, NDArray[Any]]:
+        """What a robot observes in all lanes, by name, as arrays of their own."""
+        drawn = self._worlds.drawn
+        maps = None if drawn is None else drawn.maps[:, robot].copy()
+        return as_observation(self._worlds.state.seen[:, robot].copy(), maps)
 
     @property
     def present(self) -> NDArray[np.bool_]:
         """(N, R) which robots are in the scene."""
         present: NDArray[np.bool_] = self._worlds.state.robots["active"]
         return present
+
+    def read_actions(
+        self, actions: Any, lanes: NDArray[np.int64], robot: int, whose: str = ""
+    ) -> NDArray[np.float64]:
+        """A robot's commands (M, 2) in some lanes, within the drive's bounds.
+
+        Args:
+            actions: (N, 2) as they come from outside.
+            lanes: (M,) which act.
+            robot: which; where it has left a lane its action is ignored.
+            whose: names it in messages.
+
+        Raises:
+            ValueError: actions of another shape, or not finite; the message names the lane.
+        """
+        try:
+            array = np.asarray(actions, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"actions{whose}: {actions!r} is not numeric") from error
+        if array.shape != (self.count, 2):
+            raise ValueError(f"actions{whose}: expected shape ({self.count}, 2), got {array.shape}")
+        there = self.present[lanes, robot]
+        finite = np.isfinite(array[lanes]).all(axis=1) | ~there
+        if not finite.all():
+            lane = int(lanes[np.argmin(finite)])
+            raise ValueError(
+                f"action{whose} in lane {lane}: expected finite numbers, got {array[lane]}"
+            )
+        commands = np.where(there[:, None], array[lanes], 0.0)
+        return np.minimum(np.maximum(commands, self.drive.low), self.drive.high)
 
     def step(self, lanes: NDArray[np.int64], commands: NDArray[np.float64]) -> Step:
         """Advance some lanes whose episodes are running by a control period.
@@ -177,8 +244,37 @@ class Episodes:
         return Step(acted, terms, outcome, contacts)
 
     def state(self, lane: int) -> dict[str, NDArray[Any]]:
-        """Everything about a lane, as ``CrowdEnv.state()``."""
-        return observations.state(Lane(self._worlds, lane))
+        """Everything about a lane, as ``CrowdEnv.state()``: for privileged agents and tests.
+
+        Raises:
+            RuntimeError: no episode has begun.
+        """
+        if not self.begun:
+            raise RuntimeError("call reset() before state()")
+        return observations.state(Lane(self._worlds, range(self.count)[lane]))
+
+    def require_running(self) -> None:
+        """See that there is something to step.
+
+        Raises:
+            RuntimeError: no episode has begun, or the environment is closed.
+        """
+        self.require_open()
+        if not self.begun:
+            raise RuntimeError("call reset() before step()")
+
+    def require_open(self) -> None:
+        """See that episodes may begin and go on.
+
+        Raises:
+            RuntimeError: the environment is closed.
+        """
+        if self._closed:
+            raise RuntimeError("the environment is closed")
+
+    def close(self) -> None:
+        """Let no more episodes begin nor go on; may be called again."""
+        self._closed = True
 
     def _draw(self, lane: int) -> int:
         if len(self.scenarios) == 1:
@@ -223,8 +319,12 @@ def load_all(
     return [load_scenario(name, **overrides) for name in names]
 
 
-def _check_alike(first: Scenario, other: Scenario) -> None:
+def _check_alike(first: Scenario, other: Scenario, place: int) -> None:
     """See that two scenarios have the same robots and LiDAR.
+
+    Args:
+        first, other: the first of several, and another one.
+        place: of the other one among them; variants of a scenario have the same name.
 
     Raises:
         ScenarioError: names the field and both values.
@@ -235,6 +335,7 @@ def _check_alike(first: Scenario, other: Scenario) -> None:
             mine, others = getattr(expected, field), getattr(found, field)
             if field not in own and mine != others:
                 raise ScenarioError(
-                    f"scenario {other.name!r}: {section}.{field}: {others!r}, but {mine!r} in "
-                    f"scenario {first.name!r}; all lanes need the same robots and LiDAR"
+                    f"scenario {place} ({other.name!r}): {section}.{field}: {others!r}, but "
+                    f"{mine!r} in scenario 0 ({first.name!r}); all lanes need the same robots and "
+                    "LiDAR"
                 )

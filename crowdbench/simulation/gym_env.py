@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation.env import CrowdEnv, RenderMode, parallel_env
+from crowdbench.simulation.obstacle_map import MapGeometry
 
 _ROBOT = "robot_0"
 
@@ -28,6 +29,7 @@ class CrowdNavEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         self,
         scenario: str | Path | Scenario = "multimodal_fast",
         render_mode: RenderMode | None = None,
+        obstacle_map: MapGeometry | None = None,
         **overrides: Any,
     ) -> None:
         """Make the environment; arguments as in ``crowdbench.parallel_env``.
@@ -35,7 +37,7 @@ class CrowdNavEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         Raises:
             ScenarioError: unknown scenario or field, or a scenario with more than one agent.
         """
-        self.crowd = parallel_env(scenario, render_mode, **overrides)
+        self.crowd = parallel_env(scenario, render_mode, obstacle_map, **overrides)
         if self.crowd.possible_agents != [_ROBOT]:
             raise ScenarioError(
                 f"scenario {self.crowd.scenario.name!r}: the Gymnasium view needs robots.count = 1 "

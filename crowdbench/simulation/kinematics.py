@@ -185,6 +185,34 @@ def travel(kind, heading, first, second):  # type: ignore[no-untyped-def]
     return cosine * first - sine * second, sine * first + cosine * second, speed
 
 
+def poses_ahead(
+    drive: Drive,
+    period: float,
+    pose: NDArray[np.floating],
+    velocity: NDArray[np.floating],
+    commands: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Where robots are after some commands; nothing is in their way.
+
+    Args:
+        drive: of all of them.
+        period: for which each command acts [s].
+        pose: (N, 3) before.
+        velocity: (N, 2) what they do before.
+        commands: (N, K, 2) actions within the drive's bounds.
+
+    Returns:
+        (N, 3) poses after the last.
+    """
+    after, doing = pose.astype(np.float64), velocity.astype(np.float64)
+    for k in range(commands.shape[1]):
+        doing = drive.limit(commands[:, k], doing, period)
+        for row, does in zip(after, doing.tolist(), strict=True):
+            x, y, row[2] = drive.advance(float(row[2]), does, period)
+            row[:2] += x * period, y * period
+    return after
+
+
 def make_drive(scenario: Scenario) -> Drive:
     """The drive that a scenario names.
 

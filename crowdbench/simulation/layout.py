@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,25 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
+from crowdbench.simulation.map_layout import (
+    WALL_CLEARANCE,
+    CrowdedError,
+    NoPlaceError,
+    Places,
+    places_of,
+)
+from crowdbench.simulation.routes import Routes
+from crowdbench.simulation.spreading import spread
+from crowdbench.simulation.traits import Traits, draw_traits, places_in_line
+from crowdbench.simulation.walls import walls_of
+
+if TYPE_CHECKING:
+    from crowdbench.simulation.recorded import Tracks
 
 OBSTACLE_CLEARANCE = 1.0
 """Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
 FOOTPRINT_CLEARANCE = 0.3
 """The same to the circle around its footprint, which decides where the robot is large [m]."""
-WALL_CLEARANCE = 0.1
-"""Least gap from that circle to a wall [m]."""
 _BATCH, _BATCHES = 64, 20
 _LAYOUTS = 10
 _CENTRED, _ANYWHERE, _DENSE = range(3)
@@ -37,6 +50,9 @@ class Layout:
         walls: (S, 4) x1, y1, x2, y2 [m].
         pedestrian_position: (P, 2) [m].
         pedestrian_reactive: (P,) which pedestrians are reactive, so that they see the robots.
+        pedestrian_stage: (P,) regions on the way of its stream that each has passed.
+        traits: what the pedestrians are like.
+        tracks: by which they walk where they do so as recorded.
     """
 
     robot_pose: NDArray[np.float64]
@@ -45,23 +61,40 @@ class Layout:
     walls: NDArray[np.float64]
     pedestrian_position: NDArray[np.float64]
     pedestrian_reactive: NDArray[np.bool_]
+    pedestrian_stage: NDArray[np.int64]
+    traits: Traits
+    tracks: Tracks | None = None
 
 
-def place(scenario: Scenario, seed: int) -> Layout:
+def place(
+    scenario: Scenario, seed: int, places: Places | None = None, routes: Routes | None = None
+) -> Layout:
     """Draw a layout.
+
+    Args:
+        scenario: whose.
+        seed: of the episode.
+        places: of the scenario, where they are known already.
+        routes: of the scenario's people, where they have any.
 
     Raises:
         NoRoomError: there is no room; the message says what was placed and what was not.
+        ScenarioError: a region has no room, whatever the seed.
     """
-    rng = streams.layout(seed)
-    problems: list[_NoPlaceError] = []
+    if scenario.pedestrians.recording.file:
+        from crowdbench.simulation.crossing import place_crossing
+
+        return place_crossing(scenario, seed)
+    rng, traits = streams.layout(seed), draw_traits(scenario.pedestrians, seed)
+    places = places or places_of(scenario)
+    problems: list[NoPlaceError] = []
     for effort in (_CENTRED, _ANYWHERE, _DENSE):
         for _ in range(_LAYOUTS):
             try:
-                return _attempt(scenario, rng, effort)
-            except _NoPlaceError as error:
+                return _attempt(scenario, places, routes, traits, rng, effort)
+            except NoPlaceError as error:
                 problems.append(error)
-        if all(isinstance(problem, _CrowdedError) for problem in problems):
+        if all(isinstance(problem, CrowdedError) for problem in problems):
             break  # other places for the robots leave people no more room
     arena = scenario.arena
     raise NoRoomError(
@@ -72,44 +105,63 @@ def place(scenario: Scenario, seed: int) -> Layout:
     )
 
 
-class _NoPlaceError(Exception):
-    """Of a robot or an obstacle."""
-
-
-class _CrowdedError(_NoPlaceError):
-    """Of a pedestrian, once robots and obstacles had theirs."""
-
-
-def _attempt(scenario: Scenario, rng: np.random.Generator, effort: int) -> Layout:
-    pose, goal = _place_robots(scenario, rng, effort)
-    obstacles = _place_obstacles(scenario, rng, np.vstack([pose[:, :2], goal]), effort)
+def _attempt(
+    scenario: Scenario,
+    places: Places | None,
+    routes: Routes | None,
+    traits: Traits,
+    rng: np.random.Generator,
+    effort: int,
+) -> Layout:
+    around = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
     people = scenario.pedestrians
+    lines = places_in_line(people)
+    off = robot_radius(scenario.robots) + people.radii[1]
+    off += max(people.spawn_clearance, FOOTPRINT_CLEARANCE)
+    avoided = np.column_stack([lines, np.full(len(lines), off)])
+    if places is None:
+        pose, goal = _place_robots(scenario, rng, avoided, effort)
+        ends = np.vstack([pose[:, :2], goal, lines])
+        obstacles = _place_obstacles(scenario, rng, ends, around, effort)
+    else:
+        pose, goal = places.draw_robots(rng, avoided)
+        obstacles = places.draw_obstacles(rng, np.vstack([pose[:, :2], goal, lines]), around)
     clearance = robot_radius(scenario.robots) + people.spawn_clearance
     taken = np.vstack([np.column_stack([pose[:, :2], np.full(len(pose), clearance)]), obstacles])
+    if traits.standing.any():  # nobody stands where a robot has to go
+        free = robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE
+        taken = np.vstack([taken, np.column_stack([goal, np.full(len(goal), free)])])
+    taken = np.vstack([taken, np.column_stack([lines, traits.radius[: len(lines)]])])
     fixed = len(taken)
-    taken = np.vstack([taken, np.full((people.count, 3), people.radius)])
-    half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radius
-    placed = _place_discs(rng, half, taken, fixed)
+    order = np.arange(len(lines), people.count)
+    stage = np.zeros(people.count, dtype=np.int64)
+    if routes is not None:  # those in streams first
+        order = order[np.argsort(routes.member[order] < 0, kind="stable")]
+    taken = np.vstack([taken, np.repeat(traits.radius[order, None], 3, axis=1)])
+    placed = 0 if routes is None else spread(rng, routes, order, taken, fixed, stage)
+    half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
+    if places is None:
+        placed += _place_discs(rng, half, taken, fixed + placed)
+    else:
+        placed += places.place_people(rng, taken, fixed + placed)
+    placed += len(lines)
     if placed < people.count:
-        raise _CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
-    position = taken[fixed:, :2].copy()
+        raise CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
+    position = np.empty((people.count, 2))
+    position[: len(lines)], position[order] = lines, taken[fixed:, :2]
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
-    return Layout(pose, goal, obstacles, _walls(scenario), position, reactive)
-
-
-def _walls(scenario: Scenario) -> NDArray[np.float64]:
-    """A corridor has a wall on either long side, reaching beyond it; open arenas have none."""
-    if scenario.arena.kind == "open":
-        return np.empty((0, 4))
-    x, y = scenario.arena.length / 2 + scenario.lidar.range, scenario.arena.width / 2
-    return np.array([[-x, -y, x, -y], [-x, y, x, y]])
+    walls = walls_of(scenario) if places is None else places.walls
+    return Layout(pose, goal, obstacles, walls, position, reactive, stage, traits)
 
 
 def _place_robots(
-    scenario: Scenario, rng: np.random.Generator, effort: int
+    scenario: Scenario, rng: np.random.Generator, avoided: NDArray[np.float64], effort: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Starts and goals ``travel`` apart on opposite sides, headings roughly towards the goal."""
+    """Starts and goals ``travel`` apart on opposite sides, headings roughly towards the goal.
+
+    None of them lies within a disc of ``avoided`` (N, 3).
+    """
     robots = scenario.robots
     gap = 2 * robot_radius(robots) + robots.goal_tolerance
     poses, goals = np.empty((robots.count, 3)), np.empty((robots.count, 2))
@@ -126,10 +178,13 @@ def _place_robots(
                 gaps = np.linalg.norm(ends[:, :, None] - others[None, None], axis=3)
                 nearest = gaps.min(axis=(1, 2))
             free = nearest > gap
+            if len(avoided):
+                off = np.linalg.norm(ends[:, :, None] - avoided[:, :2], axis=3)
+                free &= (off > avoided[:, 2]).all(axis=(1, 2))
             if free.any():
                 break
         else:
-            raise _NoPlaceError(f"robot {r + 1} of {robots.count} found no place")
+            raise NoPlaceError(f"robot {r + 1} of {robots.count} found no place")
         chosen = np.argmin(np.where(free, nearest, np.inf)) if effort == _DENSE else np.argmax(free)
         start, goal = ends[chosen]
         ahead = goal - start
@@ -174,12 +229,15 @@ def _other_line(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.floa
 
 
 def _place_obstacles(
-    scenario: Scenario, rng: np.random.Generator, keep_free: NDArray[np.float64], effort: int
+    scenario: Scenario,
+    rng: np.random.Generator,
+    keep_free: NDArray[np.float64],
+    clearance: float,
+    effort: int,
 ) -> NDArray[np.float64]:
     """Round obstacles between which and past which everybody can walk."""
     settings, arena = scenario.obstacles, scenario.arena
     gap = passage(scenario.robots)
-    clearance = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
     obstacles = np.empty((0, 3))
     half = np.array([arena.length, arena.width]) / 2
     for k in range(settings.count):
@@ -189,11 +247,11 @@ def _place_obstacles(
         for _ in range(1 if effort == _CENTRED else _BATCHES):
             spot = _fit(rng, half - radius, np.vstack([keep, apart]), radius)
             if spot is None:
-                raise _NoPlaceError(f"obstacle {k + 1} of {settings.count} found no place")
+                raise NoPlaceError(f"obstacle {k + 1} of {settings.count} found no place")
             if arena.kind == "open" or arena.width / 2 + abs(spot[1]) - radius >= gap:
                 break
         else:
-            raise _NoPlaceError(f"obstacle {k + 1} of {settings.count} blocks the corridor")
+            raise NoPlaceError(f"obstacle {k + 1} of {settings.count} blocks the corridor")
         obstacles = np.vstack([obstacles, [*spot, radius]])
     return obstacles
 

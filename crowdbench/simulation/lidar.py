@@ -21,7 +21,6 @@ def cast_rays(
     pose: NDArray[np.float64],
     beams: NDArray[np.float64],
     pedestrians: NDArray[np.float64],
-    pedestrian_radius: float,
     obstacles: NDArray[np.float64],
     segments: NDArray[np.float64],
     largest: float,
@@ -34,7 +33,7 @@ def cast_rays(
     Args:
         pose: (3,) sensor x, y [m], heading [rad].
         beams: (beams, 3) from ``beam_table``.
-        pedestrians: (P, 2) centres [m], all of ``pedestrian_radius`` [m].
+        pedestrians: (P, 3) x, y, radius [m].
         obstacles: (K, 3) x, y, radius [m].
         segments: (S, 4) x1, y1, x2, y2 [m].
         largest: range reported when nothing is hit [m].
@@ -49,12 +48,19 @@ def cast_rays(
     for p in range(len(pedestrians)):
         x, y = pedestrians[p, 0] - pose[0], pedestrians[p, 1] - pose[1]
         x, y = cosine * x + sine * y, cosine * y - sine * x
-        _circle(x, y, pedestrian_radius, largest, beams, out)
+        _circle(x, y, pedestrians[p, 2], largest, beams, out)
     for k in range(len(obstacles)):
         x, y = obstacles[k, 0] - pose[0], obstacles[k, 1] - pose[1]
         x, y = cosine * x + sine * y, cosine * y - sine * x
         _circle(x, y, obstacles[k, 2], largest, beams, out)
     for s in range(len(segments)):
+        if (
+            max(segments[s, 0], segments[s, 2]) < pose[0] - largest
+            or min(segments[s, 0], segments[s, 2]) > pose[0] + largest
+            or max(segments[s, 1], segments[s, 3]) < pose[1] - largest
+            or min(segments[s, 1], segments[s, 3]) > pose[1] + largest
+        ):
+            continue
         x1, y1 = segments[s, 0] - pose[0], segments[s, 1] - pose[1]
         x2, y2 = segments[s, 2] - pose[0], segments[s, 3] - pose[1]
         x1, y1 = cosine * x1 + sine * y1, cosine * y1 - sine * x1

@@ -62,6 +62,28 @@ def move(
 
 
 @compiled()
+def limit_changes(
+    lanes: NDArray[np.int64], worlds: NDArray[np.void], people: NDArray[np.void]
+) -> None:
+    """Bring velocities that were chosen as near as people's accelerations let them come.
+
+    Args:
+        lanes: (M,) which, of scenarios with such a limit.
+        worlds, people: of all lanes, see ``State``.
+    """
+    for i in range(len(lanes)):
+        world = worlds[lanes[i]]
+        for p in range(world.people):
+            person = people[lanes[i], p]
+            x = person.chosen[0] - person.velocity[0]
+            y = person.chosen[1] - person.velocity[1]
+            change, most = math.hypot(x, y), person.acceleration * world.period
+            if change > most:
+                person.chosen[0] = person.velocity[0] + most / change * x
+                person.chosen[1] = person.velocity[1] + most / change * y
+
+
+@compiled()
 def _set_off(world, commands, robots, people):  # type: ignore[no-untyped-def]
     """Take the commands as far as the drive follows them; the fastest body's speed [m/s]."""
     fastest = 0.0

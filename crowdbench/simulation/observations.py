@@ -11,14 +11,24 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
+from crowdbench.scenario.recorded import AHEAD
+from crowdbench.scenario.streams import MOST_STREAMS
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
+from crowdbench.simulation.lanes import POINTS
+from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
 
 
 def agent_spaces(
-    scenario: Scenario, drive: Drive, robots: list[str], walkers: list[str], top_speed: float
+    scenario: Scenario,
+    drive: Drive,
+    robots: list[str],
+    walkers: list[str],
+    top_speed: float,
+    obstacle_map: MapGeometry | None = None,
 ) -> tuple[dict[str, spaces.Space[Any]], dict[str, spaces.Space[Any]]]:
     """Action and observation spaces by agent; agents of a kind share theirs."""
     body = scenario.robots
@@ -26,14 +36,15 @@ def agent_spaces(
     act = spaces.Box(low, high, dtype=np.float32)
     walk = spaces.Box(-top_speed, top_speed, (2,), dtype=np.float32)
     rest_low, rest_high = np.minimum(low, 0), np.maximum(high, 0)
-    sense = spaces.Dict(
-        {
-            "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
-            "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
-            "goal": _unbounded(2),
-            "pose": _unbounded(3),
-        }
-    )
+    parts: dict[str, spaces.Space[Any]] = {
+        "lidar": spaces.Box(0.0, scenario.lidar.range, (scenario.lidar.beams,), np.float32),
+        "velocity": spaces.Box(rest_low, rest_high, dtype=np.float32),
+        "goal": _unbounded(2),
+        "pose": _unbounded(3),
+    }
+    if obstacle_map is not None:
+        parts["map"] = spaces.Box(0, 255, (obstacle_map.cells, obstacle_map.cells), np.uint8)
+    sense = spaces.Dict(parts)
     others = max(0, scenario.pedestrians.count - 1)
     look = spaces.Dict(
         {
@@ -49,18 +60,29 @@ def agent_spaces(
 
 
 def state_space(scenario: Scenario) -> spaces.Dict:
-    """Space of ``CrowdEnv.state()``: R robots, P pedestrians, K obstacles, S walls."""
+    """Space of ``CrowdEnv.state()``: R robots, P pedestrians, K obstacles, S walls.
+
+    Positions of pedestrians who are not there are NaN.
+    """
     r, p, k = scenario.robots.count, scenario.pedestrians.count, scenario.obstacles.count
-    walls = 2 if scenario.arena.kind == "corridor" else 0
+    walls = len(walls_of(scenario))
 
     def real(*shape: int) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, np.float64)
 
+    recorded: dict[str, spaces.Space[Any]] = {}
+    if scenario.pedestrians.recording.file:
+        steps = round(AHEAD / scenario.control_period)
+        recorded = {
+            "recorded_ahead": real(steps, p, 2),
+            "recorded_held": spaces.Box(0, 1, (p,), np.bool_),
+        }
     return spaces.Dict(
         {
             "time": real(),
             "robot_pose": real(r, 3),
             "robot_velocity": real(r, 2),
+            "robot_under_way": real(r, scenario.robots.latency, 2),
             "robot_speed": real(r),
             "robot_world_velocity": real(r, 2),
             "robot_goal": real(r, 2),
@@ -70,13 +92,24 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_goal": real(p, 2),
             "pedestrian_start": real(p, 2),
             "pedestrian_speed": real(p),
+            "pedestrian_acceleration": real(p),
             "pedestrian_radius": real(p),
             "pedestrian_intent": spaces.Box(0, len(INTENTS) - 1, (p,), np.int64),
             "pedestrian_switch_time": real(p),
             "pedestrian_next_goal": real(p, 2),
+            "pedestrian_way": real(p, POINTS, 2),
+            "pedestrian_stream": spaces.Box(-1, MOST_STREAMS - 1, (p,), np.int64),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
+            "pedestrian_attentive": spaces.Box(0, 1, (p,), np.bool_),
+            "pedestrian_attention_time": real(p),
+            "pedestrian_queue": spaces.Box(-1, p, (p,), np.int64),
+            "pedestrian_place": spaces.Box(-1, p, (p,), np.int64),
+            "pedestrian_served_time": real(p),
+            "pedestrian_stop_time": real(p),
+            "pedestrian_stop_end": real(p),
             "obstacles": real(k, 3),
             "walls": real(walls, 4),
+            **recorded,
         }
     )
 
@@ -84,34 +117,56 @@ def state_space(scenario: Scenario) -> spaces.Dict:
 def state(world: Lane) -> dict[str, NDArray[Any]]:
     """Copies of everything in the world, keyed as in ``state_space``."""
     people = world.pedestrians
+    there = people.present[:, None]
     return {
         "time": np.array(world.time),
         "robot_pose": world.pose.copy(),
         "robot_velocity": world.velocity.copy(),
+        "robot_under_way": world.under_way.copy(),
         "robot_speed": world.speed.copy(),
         "robot_world_velocity": world.world_velocity.copy(),
         "robot_goal": world.goals.copy(),
         "robot_active": world.active.copy(),
-        "pedestrian_position": people.position.copy(),
+        "pedestrian_position": np.where(there, people.position, np.nan),
         "pedestrian_velocity": people.velocity.copy(),
         "pedestrian_goal": people.goal.copy(),
         "pedestrian_start": people.start.copy(),
         "pedestrian_speed": people.speed.copy(),
+        "pedestrian_acceleration": people.acceleration.copy(),
         "pedestrian_radius": people.radius.copy(),
         "pedestrian_intent": people.intent.copy(),
         "pedestrian_switch_time": people.switch_time.copy(),
         "pedestrian_next_goal": people.next_goal.copy(),
+        "pedestrian_way": world.ways,
+        "pedestrian_stream": world.stream,
         "pedestrian_reactive": people.reactive.copy(),
+        "pedestrian_attentive": people.attentive.copy(),
+        "pedestrian_attention_time": people.attention_time.copy(),
+        "pedestrian_queue": people.queue.copy(),
+        "pedestrian_place": people.place.copy(),
+        "pedestrian_served_time": people.served_time.copy(),
+        "pedestrian_stop_time": people.stop_time.copy(),
+        "pedestrian_stop_end": people.stop_end.copy(),
         "obstacles": world.layout.obstacles.copy(),
         "walls": world.layout.walls.copy(),
+        **world.recorded(),
     }
 
 
 def observe_robots(world: World, robots: list[str]) -> dict[str, dict[str, Any]]:
     """Observations of the robots that are there, as arrays of their own, by their names."""
     world.observe()
-    rows = zip(robots, world.seen, world.active.tolist(), strict=True)
-    return {name: as_observation(row.copy()) for name, row, there in rows if there}
+    maps = [None] * len(robots) if world.maps is None else world.maps.copy()
+    rows = zip(robots, world.seen, maps, world.active.tolist(), strict=True)
+    return {name: as_observation(row.copy(), image) for name, row, image, there in rows if there}
+
+
+def final_goal(world: World, robot: int) -> tuple[float, float]:
+    """A robot's goal in the frame of its odometry [m]."""
+    x, y, heading = world.layout.robot_pose[robot].tolist()
+    goal_x, goal_y = world.layout.robot_goal[robot].tolist()
+    x, y, cosine, sine = goal_x - x, goal_y - y, math.cos(heading), math.sin(heading)
+    return cosine * x + sine * y, cosine * y - sine * x
 
 
 def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, dict[str, Any]]:
@@ -121,14 +176,14 @@ def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, d
     """
     if not walkers:
         return {}
-    people = world.pedestrians
+    people, ways = world.pedestrians, world.ways
     robots, present = np.hstack([world.pose[:, :2], world.world_velocity]), world.active[:, None]
     crowd = np.hstack([people.position, people.velocity])
     seen = {}
     for name, p in walkers.items():
         seen[name] = {
             "velocity": people.velocity[p].astype(np.float32),
-            "goal": (people.goal[p] - people.position[p]).astype(np.float32),
+            "goal": (ways[p, 0] - people.position[p]).astype(np.float32),
             "robots": np.where(present, robots - crowd[p], 0.0).astype(np.float32),
             "pedestrians": (np.delete(crowd, p, axis=0) - crowd[p]).astype(np.float32),
         }

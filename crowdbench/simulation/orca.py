@@ -28,6 +28,8 @@ STATIC_HORIZON = 1.0
 NEIGHBOUR_DISTANCE = 5.0
 """Centre distance beyond which people and robots are not considered [m]."""
 
+_SLACK = 1e-6
+"""By which a wall has to be out of reach at least to be left out unmeasured [m]."""
 _PARALLEL = 1e-9
 """Sine of the angle below which two lines count as parallel."""
 
@@ -38,7 +40,7 @@ def orca_velocities(
     velocity: NDArray[np.float64],
     preferred: NDArray[np.float64],
     max_speed: NDArray[np.float64],
-    radius: float,
+    radius: NDArray[np.float64],
     seen: NDArray[np.bool_],
     robot_position: NDArray[np.float64],
     robot_velocity: NDArray[np.float64],
@@ -59,7 +61,7 @@ def orca_velocities(
         velocity: (P, 2) current velocities [m/s].
         preferred: (P, 2) velocities they would like to have [m/s].
         max_speed: (P,) [m/s].
-        radius: of every pedestrian [m].
+        radius: (P,) [m].
         seen: (P, R) which pedestrian takes which robot into account.
         robot_position: (R, 2) [m].
         robot_velocity: (R, 2) [m/s].
@@ -101,7 +103,7 @@ def orca_velocities_with(
     velocity: NDArray[np.float64],
     preferred: NDArray[np.float64],
     max_speed: NDArray[np.float64],
-    radius: float,
+    radius: NDArray[np.float64],
     seen: NDArray[np.bool_],
     robot_position: NDArray[np.float64],
     robot_velocity: NDArray[np.float64],
@@ -120,10 +122,12 @@ def orca_velocities_with(
         x, y, vx, vy = position[p, 0], position[p, 1], velocity[p, 0], velocity[p, 1]
         count = np.int64(0)  # no literal: numba would compile everything below for it as well
         for s in range(len(walls)):
-            if _wall_line(x, y, walls[s], radius, static_horizon, step, max_speed[p], lines[count]):
+            if _wall_line(
+                x, y, walls[s], radius[p], static_horizon, step, max_speed[p], lines[count]
+            ):
                 count += 1
         for k in range(len(obstacles)):
-            dx, dy, reach = obstacles[k, 0] - x, obstacles[k, 1] - y, radius + obstacles[k, 2]
+            dx, dy, reach = obstacles[k, 0] - x, obstacles[k, 1] - y, radius[p] + obstacles[k, 2]
             # A disc that cannot be reached within the horizon forbids nothing.
             if dx * dx + dy * dy < (reach + max_speed[p] * static_horizon) ** 2:
                 _disc_line(dx, dy, vx, vy, 0.0, 0.0, reach, static_horizon, step, 1.0, lines[count])
@@ -132,13 +136,13 @@ def orca_velocities_with(
         for q in range(people):
             dx, dy = position[q, 0] - x, position[q, 1] - y
             if q != p and dx * dx + dy * dy < neighbour_distance * neighbour_distance:
-                ux, uy, reach = velocity[q, 0], velocity[q, 1], 2.0 * radius
+                ux, uy, reach = velocity[q, 0], velocity[q, 1], radius[p] + radius[q]
                 _disc_line(dx, dy, vx, vy, ux, uy, reach, agent_horizon, step, 0.5, lines[count])
                 count += 1
         for r in range(robots):
             dx, dy = robot_position[r, 0] - x, robot_position[r, 1] - y
             if seen[p, r] and dx * dx + dy * dy < neighbour_distance * neighbour_distance:
-                ux, uy, reach = robot_velocity[r, 0], robot_velocity[r, 1], radius + robot_radius
+                ux, uy, reach = robot_velocity[r, 0], robot_velocity[r, 1], radius[p] + robot_radius
                 _disc_line(
                     dx,
                     dy,
@@ -210,6 +214,14 @@ def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ign
     A segment is convex, so this separates from all of it, and standing still stays permitted.
     Returns whether the wall is near enough to matter.
     """
+    far = radius + max_speed * horizon + _SLACK
+    if (
+        max(wall[0], wall[2]) < x - far
+        or min(wall[0], wall[2]) > x + far
+        or max(wall[1], wall[3]) < y - far
+        or min(wall[1], wall[3]) > y + far
+    ):
+        return False
     ex, ey = wall[2] - wall[0], wall[3] - wall[1]
     length2 = ex * ex + ey * ey
     t = ((x - wall[0]) * ex + (y - wall[1]) * ey) / length2 if length2 > 0.0 else 0.0

@@ -27,11 +27,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
-from crowdbench.simulation import observations
 from crowdbench.simulation.episodes import Episodes, load_all, read_seeds
-from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
-from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.obstacle_map import MapGeometry
 
 _NAMES = np.array(OUTCOMES, dtype=object)
 ByRobot = dict[str, Any]
@@ -41,6 +39,7 @@ def parallel_vector_env(
     scenario: str | Path | Scenario | Sequence[str | Path | Scenario] = "multimodal_fast",
     num_envs: int = 1,
     weights: Sequence[float] | None = None,
+    obstacle_map: MapGeometry | None = None,
     **overrides: Any,
 ) -> CrowdParallelVectorEnv:
     """Make lanes of one scenario or several, with any number of robots.
@@ -49,6 +48,7 @@ def parallel_vector_env(
         scenario: as for ``parallel_env``, or a list of such.
         num_envs: number of lanes.
         weights: how often each scenario is drawn, in any unit; None draws all alike.
+        obstacle_map: where the map lies that robots also observe; None: they observe none.
         overrides: scenario fields, nested or dotted, for all scenarios.
 
     Raises:
@@ -56,7 +56,7 @@ def parallel_vector_env(
             LiDARs differ.
         ValueError: bad ``num_envs`` or ``weights``.
     """
-    return CrowdParallelVectorEnv(scenario, num_envs, weights, **overrides)
+    return CrowdParallelVectorEnv(scenario, num_envs, weights, obstacle_map, **overrides)
 
 
 class CrowdParallelVectorEnv:
@@ -75,21 +75,14 @@ class CrowdParallelVectorEnv:
         scenario: str | Path | Scenario | Sequence[str | Path | Scenario] = "multimodal_fast",
         num_envs: int = 1,
         weights: Sequence[float] | None = None,
+        obstacle_map: MapGeometry | None = None,
         **overrides: Any,
     ) -> None:
         """Make the lanes; arguments as for ``parallel_vector_env``."""
         scenarios = load_all(scenario, overrides)
-        self._episodes = Episodes(scenarios, num_envs)
-        if weights is not None:
-            self.weights = weights
+        self._episodes = Episodes(scenarios, num_envs, weights, obstacle_map)
         self.num_envs, self.scenarios = self._episodes.count, self._episodes.scenarios
-        self.possible_agents = [f"robot_{r}" for r in range(self._episodes.robots)]
-        drive = make_drive(scenarios[0])
-        self._low, self._high = drive.low, drive.high
-        self._actions, self._observations = observations.agent_spaces(
-            scenarios[0], drive, self.possible_agents, [], 0.0
-        )
-        self._begun = self._closed = False
+        self.possible_agents = list(self._episodes.action_spaces)
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -102,11 +95,11 @@ class CrowdParallelVectorEnv:
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """A robot's observation space in one lane, always the same object."""
-        return self._observations[agent]
+        return self._episodes.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
         """A robot's action space in one lane, always the same object."""
-        return self._actions[agent]
+        return self._episodes.action_spaces[agent]
 
     def reset(self, seed: int | Sequence[int | None] | None = None) -> tuple[ByRobot, ByRobot]:
         """Begin an episode in every lane.
@@ -122,11 +115,8 @@ class CrowdParallelVectorEnv:
             ScenarioError: a scenario has no room.
             RuntimeError: the environment is closed.
         """
-        self._check_open()
-        for lane, own in enumerate(read_seeds(seed, self.num_envs)):
-            self._episodes.begin(lane, own)
-        self._episodes.observe(np.arange(self.num_envs))
-        self._begun = True
+        self._episodes.require_open()
+        self._episodes.begin(np.arange(self.num_envs), read_seeds(seed, self.num_envs))
         return self._seen(), {name: self._episode_infos() for name in self.possible_agents}
 
     def step(
@@ -147,17 +137,12 @@ class CrowdParallelVectorEnv:
                 message names robot and lane.
             RuntimeError: ``reset`` has not been called, or the environment is closed.
         """
-        self._check_open()
-        if not self._begun:
-            raise RuntimeError("call reset() before step()")
+        self._episodes.require_running()
         resting = self._episodes.over.copy()
         lanes = np.flatnonzero(~resting)
         done = self._episodes.step(lanes, self._read_actions(actions, lanes))
         if resting.any():
-            waiting = np.flatnonzero(resting)
-            for lane in waiting.tolist():
-                self._episodes.begin(lane)
-            self._episodes.observe(waiting)
+            self._episodes.begin(np.flatnonzero(resting))
         rewards, ended, late, infos = {}, {}, {}, {}
         for r, name in enumerate(self.possible_agents):
             acted, outcome = self._spread(lanes, done.acted[:, r]), done.outcome[:, r]
@@ -183,24 +168,14 @@ class CrowdParallelVectorEnv:
         Raises:
             RuntimeError: ``reset`` has not been called.
         """
-        if not self._begun:
-            raise RuntimeError("call reset() before state()")
-        return self._episodes.state(range(self.num_envs)[lane])
+        return self._episodes.state(lane)
 
     def close(self) -> None:
         """Let no more episodes begin nor go on; may be called again."""
-        self._closed = True
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise RuntimeError("the environment is closed")
+        self._episodes.close()
 
     def _seen(self) -> ByRobot:
-        rows = np.ascontiguousarray(self._episodes.seen.swapaxes(0, 1))
-        return {
-            name: as_observation(seen)
-            for name, seen in zip(self.possible_agents, rows.copy(), strict=True)
-        }
+        return {name: self._episodes.observations(r) for r, name in enumerate(self.possible_agents)}
 
     def _episode_infos(self) -> dict[str, Any]:
         return {"seed": self._episodes.seed.copy(), "scenario": self._episodes.scenario.copy()}
@@ -219,23 +194,10 @@ class CrowdParallelVectorEnv:
             raise ValueError(
                 f"action for unknown agent {unknown[0]!r}; known: {self.possible_agents}"
             )
-        there = self._episodes.present[lanes]
         commands = np.zeros((len(lanes), len(self.possible_agents), 2))
         for r, name in enumerate(self.possible_agents):
             if name not in actions:
                 raise ValueError(f"no actions for agent {name!r}")
-            array = np.asarray(actions[name], dtype=np.float64)
-            if array.shape != (self.num_envs, 2):
-                raise ValueError(
-                    f"actions of agent {name!r}: expected shape ({self.num_envs}, 2), "
-                    f"got {array.shape}"
-                )
-            finite = np.isfinite(array[lanes]).all(axis=1) | ~there[:, r]
-            if not finite.all():
-                lane = int(lanes[np.argmin(finite)])
-                raise ValueError(
-                    f"action of agent {name!r} in lane {lane}: expected finite numbers, "
-                    f"got {array[lane]}"
-                )
-            commands[:, r] = np.where(there[:, r, None], array[lanes], 0.0)
-        return np.minimum(np.maximum(commands, self._low), self._high)
+            whose = f" of agent {name!r}"
+            commands[:, r] = self._episodes.read_actions(actions[name], lanes, r, whose)
+        return commands

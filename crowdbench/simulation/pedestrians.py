@@ -4,7 +4,8 @@ A pedestrian walks *legs*: from where it stands to a goal. Uni-modal legs are ke
 leg is, with the switch probability, interrupted at a random moment, half the time to return to its
 start, half the time for a new goal; that intent is fixed when the leg begins and hidden from the
 robot. Every leg consumes the same number of draws from the pedestrian's own stream, so leg k
-depends on nothing but the seed, the pedestrian and where the leg began.
+depends on nothing but the seed, the pedestrian and where the leg began. With ``leg_from: goal`` it
+begins, for all that is drawn, in the goal of the leg before, wherever the pedestrian is.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ ARRIVAL = 0.3
 """A pedestrian this near to its goal has arrived [m]."""
 PATIENCE = 3.0
 """A leg that takes this many times as long as a free walk is given up."""
-_SLOWEST = 0.05
+SLOWEST = 0.05
 """Slower pedestrians count as this fast, or do not turn their heads [m/s]."""
 
 
@@ -72,7 +73,7 @@ def decide(
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
             if world.time >= person.switch_time:
                 _aim(person, person.next_goal[0], person.next_goal[1], world.time)
-            elif world.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+            elif person.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
                 _begin_leg(person, world, obstacles[lane], draws[lane, p])
                 exhausted = exhausted or person.drawn == LEGS_AHEAD
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
@@ -88,6 +89,8 @@ def _begin_leg(person, world, obstacles, draws):  # type: ignore[no-untyped-def]
     person.drawn += 1
     switch, kind, when = leg[DRAWS - 3], leg[DRAWS - 2], leg[DRAWS - 1]
     x, y = person.position[0], person.position[1]
+    if world.from_goal:
+        x, y = person.next_goal[0], person.next_goal[1]
     goal_x, goal_y = _first_fit(leg, np.int64(0), x, y, world, obstacles)
     _aim(person, goal_x, goal_y, world.time)
     if switch >= world.switch_probability:
@@ -118,7 +121,7 @@ def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
 def _free_walk(person):  # type: ignore[no-untyped-def]
     """Seconds that the leg takes when nobody is in the way."""
     x, y = person.goal[0] - person.start[0], person.goal[1] - person.start[1]
-    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, _SLOWEST)
+    return math.sqrt(sum_of_products(x, x, y, y)) / max(person.speed, SLOWEST)
 
 
 @compiled()
@@ -136,7 +139,7 @@ def _first_fit(leg, begin, x, y, world, obstacles):  # type: ignore[no-untyped-d
             inside = False
             for o in range(world.obstacles):
                 dx, dy = px - obstacles[o, 0], py - obstacles[o, 1]
-                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.radius)
+                gap = math.sqrt(dx * dx + dy * dy) - (obstacles[o, 2] + world.largest_radius)
                 inside = inside or not gap > ARRIVAL
             if inside and strict == 0:
                 continue
@@ -155,7 +158,7 @@ def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
     """Turn the heads of a lane's people who walk, and note who sees which robot."""
     for p in range(world.people):
         person = people[p]
-        if math.hypot(person.velocity[0], person.velocity[1]) > _SLOWEST:
+        if math.hypot(person.velocity[0], person.velocity[1]) > SLOWEST:
             person.heading = math.atan2(person.velocity[1], person.velocity[0])
         for r in range(len(robots)):
             sees[p, r] = False

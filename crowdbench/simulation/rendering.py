@@ -2,7 +2,7 @@
 
 Colours are those of Okabe and Ito (2008), told apart with every common form of colour blindness;
 whatever a colour says is said by a shape too: reactive pedestrians are filled discs, non-reactive
-ones are rings.
+ones, and those who look away, are rings.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class Renderer:
         self._mode = mode
         self._scenario = scenario
         self._spec = RobotSpec.from_scenario(scenario)
-        self._view = View(scenario.arena.length, scenario.arena.width)
+        arena = scenario.arena
+        self._view = View(arena.length, arena.width, arena.centre)
         self._trails = _Trails()
         self._fonts: dict[int, pygame.font.Font] = {}
         self._window: Window | None = None
@@ -96,13 +97,16 @@ class Renderer:
             for index, name in enumerate(f"robot_{i}" for i in range(len(state["robot_pose"])))
             if name in lidar and state["robot_active"][index]
         ]
-        _draw_pedestrian_goals(brush, state)
+        people = _present(state)
+        _draw_pedestrian_goals(brush, people)
         self._trails.draw(brush, state)
         for index, points in scans:
             brush.glaze(points, _robot(index), share=0.14 if len(scans) == 1 else 0.07)
+        for polygon in self._scenario.arena.polygons:
+            brush.polygon(np.array(polygon), OBSTACLE)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
-        _draw_pedestrians(brush, state, self._scenario.pedestrians.radius)
+        _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
             for point in points[-len(hits) :][hits]:
@@ -124,7 +128,7 @@ class Renderer:
         for x in (left, end):
             pygame.draw.line(picture, BLACK, (x, low - 4), (x, low + 4), 2)
         self._text(picture, f"{bar:g} m", (end + 8, low), 15, BLACK)
-        kinds = np.asarray(state["pedestrian_reactive"], dtype=bool)
+        kinds = _sees(state)
         x = right
         if (~kinds).any():
             x = self._legend(picture, "does not see the robot", (x, low), filled=False)
@@ -192,9 +196,10 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), reactive in zip(pieces, state["pedestrian_reactive"], strict=True):
-                color = REACTIVE if reactive else NONREACTIVE
-                brush.line(start, end, 0.05, _mix(WHITE, color, fade))
+            for (start, end), sees in zip(pieces, _sees(state), strict=True):
+                if np.isfinite(start[0] + end[0]):
+                    color = REACTIVE if sees else NONREACTIVE
+                    brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
             for index, end in enumerate(self._robots[step]):
                 brush.line(
@@ -218,6 +223,11 @@ def _robot(index: int) -> Color:
     return ROBOTS[index % len(ROBOTS)]
 
 
+def _sees(state: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """(P,) who sees robots now: the reactive ones who do not look away."""
+    return np.asarray(state["pedestrian_reactive"] & state["pedestrian_attentive"])
+
+
 def _mix(below: Color, above: Color, share: float) -> Color:
     """``share`` of one colour over another."""
     red, green, blue = (
@@ -233,22 +243,26 @@ def _scale_bar(length: float) -> float:
 
 
 def _scan_points(pose: Points, scan: NDArray[Any], spec: RobotSpec) -> Points:
-    """World positions where the beams end [m], after the robot's own unless it sees all around."""
+    """World positions where the beams end [m], after the LiDAR's unless it sees all around."""
     angles = pose[2] + spec.lidar_angles
-    ends = pose[:2] + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    all_around = len(angles) > 2 and spec.lidar_angles[0] == 0.0
-    return ends if all_around else np.vstack([pose[None, :2], ends])
+    x, y, turn = spec.lidar_mount
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    lidar = pose[:2] + np.array([cosine * x - sine * y, sine * x + cosine * y])
+    ends = lidar + scan[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    all_around = len(angles) > 2 and spec.lidar_angles[0] == turn
+    return ends if all_around else np.vstack([lidar[None], ends])
 
 
 def _draw_floor(brush: Brush, view: View) -> None:
-    x, y = view.length / 2, view.width / 2
-    brush.polygon(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), WHITE)
+    half = np.array([view.length, view.width]) / 2
+    (left, low), (right, high) = view.centre - half, view.centre + half
+    brush.polygon(np.array([[left, low], [right, low], [right, high], [left, high]]), WHITE)
     hair = 1.0 / view.scale
     spacing = _scale_bar(view.length) / 2
-    for at in np.arange(-np.floor(x / spacing), np.floor(x / spacing) + 1) * spacing:
-        brush.line(np.array([at, -y]), np.array([at, y]), hair, GRID)
-    for at in np.arange(-np.floor(y / spacing), np.floor(y / spacing) + 1) * spacing:
-        brush.line(np.array([-x, at]), np.array([x, at]), hair, GRID)
+    for at in np.arange(np.ceil(left / spacing), np.floor(right / spacing) + 1) * spacing:
+        brush.line(np.array([at, low]), np.array([at, high]), hair, GRID)
+    for at in np.arange(np.ceil(low / spacing), np.floor(high / spacing) + 1) * spacing:
+        brush.line(np.array([left, at]), np.array([right, at]), hair, GRID)
 
 
 def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
@@ -259,12 +273,19 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
         brush.line(wall[:2], wall[2:], 0.08, _mix(OBSTACLE, BLACK, 0.5))
 
 
+def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What is known of the pedestrians who are there."""
+    there = np.isfinite(state["pedestrian_position"][:, 0])
+    names = ("position", "velocity", "goal", "radius", "reactive", "attentive")
+    return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
+
+
 def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
     """A faint cross where each pedestrian is going, on a faint line towards it."""
     for position, goal, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_goal"],
-        state["pedestrian_reactive"],
+        _sees(state),
         strict=True,
     ):
         color = _mix(WHITE, REACTIVE if reactive else NONREACTIVE, 0.3)
@@ -277,11 +298,12 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
 
 
-def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]], radius: float) -> None:
-    for position, velocity, reactive in zip(
+def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    for position, velocity, radius, reactive in zip(
         state["pedestrian_position"],
         state["pedestrian_velocity"],
-        state["pedestrian_reactive"],
+        state["pedestrian_radius"],
+        _sees(state),
         strict=True,
     ):
         color = REACTIVE if reactive else NONREACTIVE

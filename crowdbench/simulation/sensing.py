@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
+from crowdbench.simulation.kinematics import make_drive, poses_ahead
 from crowdbench.simulation.lanes import PROPRIOCEPTION
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
+from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMaps
+from crowdbench.simulation.rounding import sum_of_products
 
 
 @compiled()
@@ -30,14 +37,16 @@ def observe(
         beams: (beams, 3) from ``beam_table``.
         seen: written.
     """
-    position = np.empty((people.shape[1], 2))
+    discs = np.empty((people.shape[1], 3))
+    sensor = np.empty(3)
     segments = np.empty((walls.shape[1] + 4 * robots.shape[1], 4))
     for i in range(len(lanes)):
         lane = lanes[i]
         world = worlds[lane]
         for p in range(world.people):
-            position[p, 0] = people[lane, p].position[0]
-            position[p, 1] = people[lane, p].position[1]
+            person = people[lane, p]
+            discs[p, 0], discs[p, 1] = person.position[0], person.position[1]
+            discs[p, 2] = person.radius
         for s in range(world.walls):
             for column in range(4):
                 segments[s, column] = walls[lane, s, column]
@@ -46,17 +55,28 @@ def observe(
             if not robot.active:
                 continue
             filled = _add_outlines(segments, world.walls, robots[lane], r)
+            _mounted(robot.pose, world.mount, sensor)
             robot.nearest = cast_rays(
-                robot.pose,
+                sensor,
                 beams,
-                position[: world.people],
-                world.radius,
+                discs[: world.people],
                 obstacles[lane, : world.obstacles],
                 segments[:filled],
                 world.range,
                 seen[lane, r, PROPRIOCEPTION:],
             )
             _proprioception(robot.pose, robot.velocity, robot.goal, robot.origin, seen[lane, r])
+
+
+@compiled()
+def _mounted(
+    pose: NDArray[np.float64], mount: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
+    """Write the pose (3,) of what is mounted on a robot at ``pose``: exactly that if at zero."""
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    out[0] = pose[0] + sum_of_products(cosine, mount[0], -sine, mount[1])
+    out[1] = pose[1] + sum_of_products(sine, mount[0], cosine, mount[1])
+    out[2] = pose[2] + mount[2]
 
 
 @compiled()
@@ -114,11 +134,63 @@ def add_noise(scan: NDArray[np.float32], scenario: Scenario, noise: np.random.Ge
         scan[noise.random(len(scan)) < lidar.dropout] = lidar.range
 
 
-def as_observation(seen: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-    """Parts of what one robot sees, or many (..., PROPRIOCEPTION + beams), by name."""
-    return {
+class DrawnMaps:
+    """The obstacle maps of the robots in many lanes.
+
+    Attributes:
+        maps: (L, R, cells, cells) as ``ObstacleMaps`` draws them, around where the robots will be
+            when their next commands begin to act.
+    """
+
+    def __init__(self, lanes: int, scenario: Scenario, geometry: MapGeometry) -> None:
+        """Make room for the robots of a scenario in every lane."""
+        self._robots, self._scenario = scenario.robots.count, scenario
+        self._drive = make_drive(scenario)
+        count, cells = lanes * self._robots, geometry.cells
+        self._histories = ObstacleMaps(count, RobotSpec.from_scenario(scenario), geometry)
+        self.maps = np.zeros((lanes, self._robots, cells, cells), np.uint8)
+
+    def reset(self, lane: int) -> None:
+        """Forget the scans in a lane."""
+        first = lane * self._robots
+        self._histories.reset(slice(first, first + self._robots))
+
+    def update(
+        self,
+        lanes: NDArray[np.int64],
+        seen: NDArray[np.float32],
+        active: NDArray[np.bool_],
+        under_way: NDArray[np.float64],
+    ) -> None:
+        """Add what active robots (L, R) in lanes (M,) have seen (L, R, PROPRIOCEPTION + beams)."""
+        rows, robots = np.nonzero(active[lanes])
+        which = lanes[rows]
+        view = as_observation(seen[which, robots])
+        ahead = poses_ahead(
+            self._drive,
+            self._scenario.control_period,
+            view["pose"],
+            view["velocity"],
+            under_way[which, robots],
+        )
+        self.maps[which, robots] = self._histories.update(
+            view["lidar"], view["pose"], which * self._robots + robots, ahead
+        )
+
+
+def as_observation(
+    seen: NDArray[np.float32], maps: NDArray[np.uint8] | None = None
+) -> dict[str, NDArray[Any]]:
+    """Parts of what one robot sees, or many (..., PROPRIOCEPTION + beams), by name.
+
+    Args:
+        seen: their observations.
+        maps: (..., cells, cells) their obstacle maps, where they have some.
+    """
+    parts: dict[str, NDArray[Any]] = {
         "lidar": seen[..., PROPRIOCEPTION:],
         "velocity": seen[..., 0:2],
         "goal": seen[..., 2:4],
         "pose": seen[..., 4:7],
     }
+    return parts if maps is None else parts | {"map": maps}

@@ -49,7 +49,7 @@ def social_force_velocities(
     velocity: NDArray[np.float64],
     preferred: NDArray[np.float64],
     max_speed: NDArray[np.float64],
-    radius: float,
+    radius: NDArray[np.float64],
     seen: NDArray[np.bool_],
     robot_position: NDArray[np.float64],
     robot_velocity: NDArray[np.float64],
@@ -70,7 +70,7 @@ def social_force_velocities(
         velocity: (P, 2) current velocities [m/s].
         preferred: (P, 2) velocities they would like to have [m/s].
         max_speed: (P,) [m/s].
-        radius: of every pedestrian [m].
+        radius: (P,) [m].
         seen: (P, R) which pedestrian takes which robot into account.
         robot_position: (R, 2) [m].
         robot_velocity: (R, 2) [m/s].
@@ -94,7 +94,7 @@ def social_force_velocities(
                     position[q, 1] - y,
                     vx - velocity[q, 0],
                     vy - velocity[q, 1],
-                    0.0,
+                    radius[q] - radius[p],
                 )
                 ax += fx
                 ay += fy
@@ -105,12 +105,14 @@ def social_force_velocities(
                     robot_position[r, 1] - y,
                     vx - robot_velocity[r, 0],
                     vy - robot_velocity[r, 1],
-                    robot_radius - radius,
+                    robot_radius - radius[p],
                 )
                 ax += 2.0 * responsibility * fx
                 ay += 2.0 * responsibility * fy
         for k in range(len(obstacles)):
-            fx, fy = _repulsion(x - obstacles[k, 0], y - obstacles[k, 1], radius + obstacles[k, 2])
+            fx, fy = _repulsion(
+                x - obstacles[k, 0], y - obstacles[k, 1], radius[p] + obstacles[k, 2]
+            )
             ax += fx
             ay += fy
         for s in range(len(walls)):
@@ -122,7 +124,7 @@ def social_force_velocities(
                 else 0.0
             )
             t = min(1.0, max(0.0, t))
-            fx, fy = _repulsion(x - walls[s, 0] - t * ex, y - walls[s, 1] - t * ey, radius)
+            fx, fy = _repulsion(x - walls[s, 0] - t * ex, y - walls[s, 1] - t * ey, radius[p])
             ax += fx
             ay += fy
         wx, wy = vx + step * ax, vy + step * ay
@@ -136,7 +138,7 @@ def _interaction(dx, dy, rx, ry, extra):  # type: ignore[no-untyped-def]
     """Acceleration due to a neighbour at (dx, dy) [m], relative velocity v_i - v_j = (rx, ry).
 
     The parameters hold for centre distances between people; ``extra`` is how much larger the
-    neighbour's radius is than a person's [m].
+    neighbour's radius is than one's own [m].
     """
     distance = math.hypot(dx, dy)
     if distance > NEIGHBOUR_DISTANCE or distance == 0.0:

@@ -8,7 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-_LAYOUT, _LIDAR, _AGENT, _PEDESTRIAN, _NEXT_EPISODE, _WALKING, _SCENARIO = range(7)
+(
+    _LAYOUT,
+    _LIDAR,
+    _AGENT,
+    _PEDESTRIAN,
+    _NEXT_EPISODE,
+    _WALKING,
+    _SCENARIO,
+    _ODOMETRY,
+    _TRAITS,
+) = range(9)
 
 
 def layout(seed: int) -> np.random.Generator:
@@ -21,9 +31,19 @@ def lidar(seed: int, robot: int) -> np.random.Generator:
     return _stream(seed, _LIDAR, robot)
 
 
+def odometry(seed: int, robot: int) -> np.random.Generator:
+    """Stream of the errors of one robot's odometry."""
+    return _stream(seed, _ODOMETRY, robot)
+
+
 def pedestrian(seed: int, index: int) -> np.random.Generator:
     """Stream of one pedestrian: speed, goals and changes of mind."""
     return _stream(seed, _PEDESTRIAN, index)
+
+
+def traits(seed: int, index: int) -> np.random.Generator:
+    """Stream of what one pedestrian is like, beside its speed."""
+    return _stream(seed, _TRAITS, index)
 
 
 def walking(seed: int) -> np.random.Generator:

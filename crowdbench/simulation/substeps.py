@@ -28,7 +28,7 @@ def half_extent(scenario: Scenario) -> float:
     """Of the smallest body that moves [m]."""
     robots, people = scenario.robots, scenario.pedestrians
     sizes = [robots.length / 2, robots.width / 2]
-    return min([*sizes, people.radius] if people.count else sizes)
+    return min([*sizes, people.radii[0]] if people.count else sizes)
 
 
 def body_speed(scenario: Scenario, drive: Drive, velocity: Velocity) -> float:

@@ -6,7 +6,8 @@ Lanes
 ``gymnasium.make_vec("crowdbench:CrowdNav-v0", num_envs=64)``. Each of ``num_envs`` lanes runs
 episodes of its own, exactly those of ``CrowdNavEnv`` under the same scenario, seed and actions: to
 the last bit, whatever the number of lanes. Spaces are those of one robot (see
-``crowdbench.simulation.env``) with a leading axis of lanes; rewards are float64.
+``crowdbench.simulation.env``) with a leading axis of lanes; rewards are float64. With
+``obstacle_map=crowdbench.MapGeometry()`` observations have the stacked obstacle map too.
 
 Arrays that ``reset`` and ``step`` return are the caller's own; nothing writes to them later.
 
@@ -58,13 +59,12 @@ from numpy.typing import NDArray
 from crowdbench.agent import RobotSpec
 from crowdbench.messages import short
 from crowdbench.scenario import Scenario, ScenarioError
-from crowdbench.simulation import observations
 from crowdbench.simulation.episodes import Episodes, Step, load_all, read_seeds
-from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
-from crowdbench.simulation.sensing import as_observation
+from crowdbench.simulation.obstacle_map import MapGeometry
 
 _NAMES = np.array(OUTCOMES, dtype=object)
+_ROBOT = "robot_0"
 
 
 def vector_env(
@@ -72,6 +72,7 @@ def vector_env(
     num_envs: int = 1,
     weights: Sequence[float] | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    obstacle_map: MapGeometry | None = None,
     **overrides: Any,
 ) -> CrowdVectorEnv:
     """Make the vector environment of one scenario or several.
@@ -81,6 +82,7 @@ def vector_env(
         num_envs: number of lanes.
         weights: how often each scenario is drawn, in any unit; None draws all alike.
         autoreset_mode: what follows the end of an episode, or its value (``"SameStep"``).
+        obstacle_map: where the map lies that robots also observe; None: they observe none.
         overrides: scenario fields, nested or dotted, for all scenarios.
 
     Raises:
@@ -88,7 +90,7 @@ def vector_env(
             LiDARs differ.
         ValueError: bad ``num_envs``, ``weights`` or ``autoreset_mode``.
     """
-    return CrowdVectorEnv(scenario, num_envs, weights, autoreset_mode, **overrides)
+    return CrowdVectorEnv(scenario, num_envs, weights, autoreset_mode, obstacle_map, **overrides)
 
 
 class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[Any]]):
@@ -105,18 +107,17 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
         num_envs: int = 1,
         weights: Sequence[float] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        obstacle_map: MapGeometry | None = None,
         **overrides: Any,
     ) -> None:
         """Make the lanes; arguments as for ``vector_env``."""
         scenarios = load_all(scenario, overrides)
-        self._episodes = Episodes(scenarios, num_envs)
+        self._episodes = Episodes(scenarios, num_envs, weights, obstacle_map)
         if self._episodes.robots != 1:
             raise ScenarioError(
                 f"scenario {scenarios[0].name!r}: robots.count: {self._episodes.robots}; the "
                 "Gymnasium view needs 1, use crowdbench.parallel_vector_env"
             )
-        if weights is not None:
-            self.weights = weights
         try:
             self._mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -128,13 +129,10 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
         self.num_envs = self._episodes.count
         self.scenarios = self._episodes.scenarios
         self.robot = RobotSpec.from_scenario(scenarios[0])
-        drive = make_drive(scenarios[0])
-        self._low, self._high = drive.low, drive.high
-        acting, seeing = observations.agent_spaces(scenarios[0], drive, ["robot"], [], 0.0)
-        self.single_action_space, self.single_observation_space = acting["robot"], seeing["robot"]
+        self.single_action_space = self._episodes.action_spaces[_ROBOT]
+        self.single_observation_space = self._episodes.observation_spaces[_ROBOT]
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._begun = False
         self._ended, self._late = np.zeros((2, self.num_envs), dtype=np.bool_)
 
     @property
@@ -167,18 +165,14 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
             ValueError: seeds or options of another shape or kind; the message says which.
             ScenarioError: a scenario has no room.
         """
-        self._check_open()
+        self._episodes.require_open()
         mask, scenarios = self._read_options(options or {})
         seeds = read_seeds(seed, self.num_envs)
-        if not (self._begun or mask.all()):
+        if not (self._episodes.begun or mask.all()):
             raise ValueError("reset_mask: every lane has to begin first; call reset() without it")
         lanes = np.flatnonzero(mask)
-        for lane in lanes.tolist():
-            self._episodes.begin(lane, seeds[lane], scenarios[lane])
-        self._episodes.observe(lanes)
-        self._ended[lanes] = self._late[lanes] = False
-        self._begun = True
-        return self._seen(), self._begun_infos(mask)
+        self._begin(lanes, seeds, scenarios)
+        return self._episodes.observations(0), self._begun_infos(mask)
 
     def step(
         self, actions: NDArray[Any]
@@ -201,12 +195,10 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
             ValueError: actions of another shape, or not finite; the message names the lane.
             RuntimeError: ``reset`` has not been called, or the environment is closed.
         """
-        self._check_open()
-        if not self._begun:
-            raise RuntimeError("call reset() before step()")
+        self._episodes.require_running()
         resting = self._episodes.over.copy()
         lanes = np.flatnonzero(~resting)
-        done = self._episodes.step(lanes, self._read_actions(actions, lanes))
+        done = self._episodes.step(lanes, self._episodes.read_actions(actions, lanes, 0)[:, None])
         rewards = np.zeros(self.num_envs)
         terms = done.terms[:, 0]
         rewards[lanes] = 0.0 + terms[:, 0] + terms[:, 1] + terms[:, 2]
@@ -217,11 +209,11 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
         infos = self._infos(lanes, done)
         if self._mode is AutoresetMode.NEXT_STEP and resting.any():
             ended[resting] = late[resting] = False
-            self._begin_next(np.flatnonzero(resting))
+            self._begin(np.flatnonzero(resting))
             infos |= self._begun_infos(np.ones(self.num_envs, dtype=np.bool_))
         elif self._mode is AutoresetMode.SAME_STEP and self._episodes.over.any():
             infos = self._begin_now(lanes, done)
-        return self._seen(), rewards, ended, late, infos
+        return self._episodes.observations(0), rewards, ended, late, infos
 
     def state(self, lane: int) -> dict[str, NDArray[Any]]:
         """Everything about a lane, as ``CrowdEnv.state()``: for privileged agents and tests.
@@ -229,33 +221,27 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
         Raises:
             RuntimeError: ``reset`` has not been called.
         """
-        if not self._begun:
-            raise RuntimeError("call reset() before state()")
-        return self._episodes.state(range(self.num_envs)[lane])
+        return self._episodes.state(lane)
 
-    def _check_open(self) -> None:
-        if self.closed:
-            raise RuntimeError("the environment is closed")
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let no more episodes begin nor go on."""
+        self._episodes.close()
 
-    def _seen(self) -> dict[str, NDArray[Any]]:
-        return dict(as_observation(self._episodes.seen[:, 0].copy()))
-
-    def _begin_next(self, lanes: NDArray[np.int64]) -> None:
-        for lane in lanes.tolist():
-            self._episodes.begin(lane)
-        self._episodes.observe(lanes)
+    def _begin(self, lanes: NDArray[np.int64], *chosen: Sequence[int | None]) -> None:
+        """Begin episodes, as ``Episodes.begin`` does."""
+        self._episodes.begin(lanes, *chosen)
         self._ended[lanes] = self._late[lanes] = False
 
     def _begin_now(self, lanes: NDArray[np.int64], done: Step) -> dict[str, Any]:
         """Begin the next episodes of the lanes that have just ended; infos of both."""
         over = np.flatnonzero(self._episodes.over)
-        finals = as_observation(self._episodes.seen[over, 0])
+        finals = self._episodes.observations(0)
         final = np.full(self.num_envs, None, dtype=object)
-        for i, lane in enumerate(over.tolist()):
-            final[lane] = {name: values[i] for name, values in finals.items()}
+        for lane in over.tolist():
+            final[lane] = {name: values[lane] for name, values in finals.items()}
         mask = self._episodes.over.copy()
         last = self._infos(over, done.of(mask[lanes]))
-        self._begin_next(over)
+        self._begin(over)
         going = ~mask[lanes]
         infos = self._infos(lanes[going], done.of(going))
         infos |= self._begun_infos(np.ones(self.num_envs, dtype=np.bool_))
@@ -293,21 +279,6 @@ class CrowdVectorEnv(VectorEnv[dict[str, NDArray[Any]], NDArray[Any], NDArray[An
             "scenario": np.where(mask, self._episodes.scenario, 0),
             "_scenario": mask.copy(),
         }
-
-    def _read_actions(self, actions: Any, lanes: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Commands (M, 1, 2) within the drive's bounds."""
-        try:
-            array = np.asarray(actions, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"actions: {actions!r} is not numeric") from error
-        if array.shape != (self.num_envs, 2):
-            raise ValueError(f"actions: expected shape ({self.num_envs}, 2), got {array.shape}")
-        acting = array[lanes]
-        finite = np.isfinite(acting).all(axis=1)
-        if not finite.all():
-            lane = int(lanes[np.argmin(finite)])
-            raise ValueError(f"action of lane {lane}: expected finite numbers, got {array[lane]}")
-        return np.minimum(np.maximum(acting, self._low), self._high)[:, None]
 
     def _read_options(self, options: dict[str, Any]) -> tuple[NDArray[np.bool_], list[int | None]]:
         """Lanes to begin, and their scenarios."""

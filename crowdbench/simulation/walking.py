@@ -19,7 +19,6 @@ from crowdbench.extensions import WALKING_MODELS
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation.orca import orca_velocities
-from crowdbench.simulation.pedestrians import preferred_velocity
 from crowdbench.simulation.social_force import social_force_velocities
 
 
@@ -33,9 +32,10 @@ class Crowd:
         position: (P, 2) centres [m].
         velocity: (P, 2) as they walk now [m/s].
         heading: (P,) direction of the last step walked [rad].
-        goal: (P, 2) where each is going [m].
+        goal: (P, 2) where each is going [m]; among walls the next point of the way there.
         preferred_speed: (P,) never to be exceeded [m/s].
-        radius: of every pedestrian [m].
+        preferred_velocity: (P, 2) how each would walk if nobody was there, along its way [m/s].
+        radius: (P,) of the discs that they are [m].
         present: (P,) bool, who is in the scene.
         sees_robot: (P, R) bool, which pedestrian sees which robot now: a reactive one, with the
             robot in its field of view.
@@ -53,7 +53,8 @@ class Crowd:
     heading: NDArray[np.float64]
     goal: NDArray[np.float64]
     preferred_speed: NDArray[np.float64]
-    radius: float
+    preferred_velocity: NDArray[np.float64]
+    radius: NDArray[np.float64]
     present: NDArray[np.bool_]
     sees_robot: NDArray[np.bool_]
     robot_position: NDArray[np.float64]
@@ -64,14 +65,11 @@ class Crowd:
     walls: NDArray[np.float64]
     period: float
 
-    def preferred_velocity(self) -> NDArray[np.float64]:
-        """(P, 2) straight to the goals at preferred speed [m/s]; nobody overshoots a goal."""
-        return _preferred(self.position, self.goal, self.preferred_speed, self.period)
-
     def only(self, chosen: NDArray[np.bool_]) -> Crowd:
         """The same moment without the other pedestrians; ``chosen`` is a mask (P,)."""
-        rows = ("position", "velocity", "heading", "goal", "preferred_speed", "present")
-        kept = {name: getattr(self, name)[chosen] for name in (*rows, "sees_robot")}
+        rows = "position velocity heading goal preferred_speed preferred_velocity radius present"
+        names = [*rows.split(), "sees_robot"]
+        kept = {name: getattr(self, name)[chosen] for name in names}
         return replace(self, **kept)
 
 
@@ -104,7 +102,7 @@ class Straight(WalkingModel):
 
     def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
         """Return the preferred velocities."""
-        return crowd.preferred_velocity()
+        return crowd.preferred_velocity
 
 
 class _Solved(WalkingModel):
@@ -122,7 +120,7 @@ class _Solved(WalkingModel):
         type(self).solve(
             crowd.position,
             crowd.velocity,
-            crowd.preferred_velocity(),
+            crowd.preferred_velocity,
             crowd.preferred_speed,
             crowd.radius,
             crowd.sees_robot,
@@ -145,7 +143,8 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
     def walk(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
         most = people.shape[1]
         position, velocity = np.empty((most, 2)), np.empty((most, 2))
-        preferred, speed, chosen = np.empty((most, 2)), np.empty(most), np.empty((most, 2))
+        preferred, chosen = np.empty((most, 2)), np.empty((most, 2))
+        speed, radius = np.empty(most), np.empty(most)
         robot_position = np.empty((robots.shape[1], 2))
         robot_velocity = np.empty((robots.shape[1], 2))
         for i in range(len(lanes)):
@@ -154,7 +153,7 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
             count = world.people
             for p in range(count):
                 person = people[lane, p]
-                speed[p] = person.speed
+                speed[p], radius[p] = person.speed, person.radius
                 for axis in range(2):
                     position[p, axis] = person.position[axis]
                     velocity[p, axis] = person.velocity[axis]
@@ -168,7 +167,7 @@ def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
                 velocity[:count],
                 preferred[:count],
                 speed[:count],
-                world.radius,
+                radius[:count],
                 sees[lane, :count],
                 robot_position,
                 robot_velocity,
@@ -233,20 +232,6 @@ def checked_velocities(scenario: Scenario, velocities: NDArray[np.float64]) -> N
             f"expected finite velocities of shape {expected}, got {got}"
         )
     return array
-
-
-@compiled()
-def _preferred(
-    position: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    speed: NDArray[np.float64],
-    period: float,
-) -> NDArray[np.float64]:
-    velocity = np.empty_like(position)
-    for p in range(len(position)):
-        x, y = goal[p, 0] - position[p, 0], goal[p, 1] - position[p, 1]
-        velocity[p, 0], velocity[p, 1] = preferred_velocity(x, y, speed[p], period)
-    return velocity
 
 
 @compiled()

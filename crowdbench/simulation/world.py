@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.layout import Layout
+from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.worlds import Worlds
 
 _LANE = np.zeros(1, dtype=np.int64)
@@ -23,10 +25,18 @@ class Pedestrians(NamedTuple):
         position, velocity: (P, 2) [m], [m/s].
         goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
         speed: (P,) preferred speed, never exceeded [m/s].
+        acceleration: (P,) limit on the change of velocity, inf without one [m/s^2].
         radius: (P,) of the discs that they are [m].
         intent: (P,) index into INTENTS.
         switch_time: (P,) when the leg is interrupted, inf when it is kept [s].
+        present: (P,) in the scene; others are far from it.
         reactive: (P,) sees the robots; the others are non-reactive.
+        attentive: (P,) does not look away now.
+        attention_time: (P,) when that changes, inf for those who never look away [s].
+        queue: (P,) that each belongs to, -1 for none.
+        place: (P,) in the queue, from 0, -1 while somewhere else.
+        served_time: (P,) when the first one in line leaves, inf before it is served [s].
+        stop_time, stop_end: (P,) when the stop on this leg is, inf without one [s].
         chosen: (P, 2) how they walk in this control period [m/s].
     """
 
@@ -36,10 +46,19 @@ class Pedestrians(NamedTuple):
     start: NDArray[np.float64]
     next_goal: NDArray[np.float64]
     speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
     radius: NDArray[np.float64]
     intent: NDArray[np.int64]
     switch_time: NDArray[np.float64]
+    present: NDArray[np.bool_]
     reactive: NDArray[np.bool_]
+    attentive: NDArray[np.bool_]
+    attention_time: NDArray[np.float64]
+    queue: NDArray[np.int64]
+    place: NDArray[np.int64]
+    served_time: NDArray[np.float64]
+    stop_time: NDArray[np.float64]
+    stop_end: NDArray[np.float64]
     chosen: NDArray[np.float64]
 
 
@@ -50,6 +69,7 @@ class Lane:
         worlds: where all of it is kept.
         pose: (R, 3) robots' x, y [m], heading [rad].
         velocity: (R, 2) what the robots' drive is doing, e.g. v [m/s], w [rad/s].
+        under_way: (R, latency, 2) commands that do not act yet, the next to act first.
         direction: (R, 2) unit vectors along which the robots travel, in the world.
         speed: (R,) along these, negative backwards [m/s].
         world_velocity: (R, 2) direction times speed [m/s].
@@ -57,6 +77,7 @@ class Lane:
         goals: (R, 2) [m].
         pedestrians: everybody who walks.
         seen: (R, PROPRIOCEPTION + beams) what robots observe, as ``as_observation`` names it.
+        maps: (R, cells, cells) their obstacle maps, where they are asked for.
         terms: (R, 3) of the reward, as in TERMS.
         outcome: (R,) index into OUTCOMES.
     """
@@ -66,6 +87,7 @@ class Lane:
         self.worlds, self._lane = worlds, lane
         robots = worlds.state.robots[lane]
         self.pose, self.velocity = robots["pose"], robots["velocity"]
+        self.under_way = worlds.state.under_way[lane]
         self.direction, self.speed = robots["direction"], robots["speed"]
         self.world_velocity, self.active = robots["world_velocity"], robots["active"]
         self.goals, self.terms, self.outcome = robots["goal"], robots["terms"], robots["outcome"]
@@ -73,6 +95,7 @@ class Lane:
         people = worlds.state.people[lane, :count]
         self.pedestrians = Pedestrians(**{name: people[name] for name in Pedestrians._fields})
         self.seen = worlds.state.seen[lane]
+        self.maps = None if worlds.drawn is None else worlds.drawn.maps[lane]
 
     @property
     def time(self) -> float:
@@ -83,6 +106,27 @@ class Lane:
     def layout(self) -> Layout:
         """Where everything began."""
         return self.worlds.episode(self._lane).layout
+
+    def recorded(self) -> dict[str, NDArray[Any]]:
+        """What a recording says of the time to come, and who was held back; else nothing."""
+        episode = self.worlds.episode(self._lane)
+        if not isinstance(episode.model, Recorded):
+            return {}
+        step = round(self.time / episode.prepared.scenario.control_period)
+        ahead, held = episode.model.tracks.ahead(step), episode.model.held.copy()
+        return {"recorded_ahead": ahead, "recorded_held": held}
+
+    @property
+    def ways(self) -> NDArray[np.float64]:
+        """(P, POINTS, 2) next points of people's ways, the last one repeated; else goals [m]."""
+        return self.worlds.ways(self._lane)
+
+    @property
+    def stream(self) -> NDArray[np.int64]:
+        """(P,) the stream that each pedestrian walks in; -1: none."""
+        routes = self.worlds.episode(self._lane).prepared.routes
+        nowhere = np.full(len(self.pedestrians.speed), -1, dtype=np.int64)
+        return nowhere if routes is None else routes.member.copy()
 
     @property
     def contacts(self) -> dict[int, Contact]:
@@ -95,7 +139,9 @@ class Lane:
 class World(Lane):
     """One world by itself."""
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(
+        self, scenario: Scenario, seed: int, obstacle_map: MapGeometry | None = None
+    ) -> None:
         """Place everything.
 
         Raises:
@@ -103,7 +149,7 @@ class World(Lane):
                 model cannot be used.
         """
         self._scenario = scenario
-        worlds = Worlds(1, [scenario])
+        worlds = Worlds(1, [scenario], obstacle_map)
         worlds.begin(0, scenario, seed)
         super().__init__(worlds, 0)
 

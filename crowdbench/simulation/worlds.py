@@ -15,24 +15,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.agent import lidar_angles
-from crowdbench.scenario import Scenario
-from crowdbench.simulation import kinematics, streams, walking
+from crowdbench.scenario import Odometry, Scenario
+from crowdbench.simulation import kinematics, legs, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
+from crowdbench.simulation.guidance import Guidance
+from crowdbench.simulation.habits import (
+    AFTER_CHOICE,
+    BEFORE_CHOICE,
+    BEFORE_LEGS,
+    HabitLanes,
+    begin_habits,
+)
 from crowdbench.simulation.kinematics import Drive, make_drive
 from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
+    ODOMETRY,
     PROPRIOCEPTION,
     allocate,
     world_of,
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
+from crowdbench.simulation.map_layout import Places, places_of
 from crowdbench.simulation.motion import move
-from crowdbench.simulation.pedestrians import begin_legs, decide, look
+from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.odometry import DriftingOdometry
+from crowdbench.simulation.pedestrians import KEEP, look
+from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.sensing import add_noise, observe, outline
+from crowdbench.simulation.routes import Routes, has_routes, routes_of
+from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
+from crowdbench.simulation.traits import preferred_speeds
 from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
 
 Lanes = NDArray[np.int64]
@@ -46,6 +61,9 @@ class Prepared(NamedTuple):
     world: NDArray[np.void]
     corners: list[tuple[float, float]]
     noisy: bool
+    drifts: bool
+    places: Places | None
+    routes: Routes | None
 
 
 @dataclass
@@ -60,6 +78,7 @@ class Episode:
         model: how pedestrians walk.
         streams: of the pedestrians' legs.
         noise: of the robots' LiDARs, where these are noisy.
+        odometry: of the robots, where it drifts.
     """
 
     prepared: Prepared
@@ -69,6 +88,7 @@ class Episode:
     model: WalkingModel
     streams: list[np.random.Generator]
     noise: list[np.random.Generator]
+    odometry: list[DriftingOdometry]
 
 
 class Worlds:
@@ -77,16 +97,30 @@ class Worlds:
     Attributes:
         state: of all lanes, as compiled functions know it.
         episodes: (L,) the present ones.
+        drawn: the robots' obstacle maps, where they are asked for.
     """
 
-    def __init__(self, lanes: int, scenarios: Sequence[Scenario]) -> None:
+    def __init__(
+        self,
+        lanes: int,
+        scenarios: Sequence[Scenario],
+        obstacle_map: MapGeometry | None = None,
+    ) -> None:
         """Make room for any of the scenarios in every lane; robots and LiDAR have to be alike."""
         self.state = allocate(lanes, scenarios)
+        self.drawn: DrawnMaps | None = None
+        if obstacle_map is not None:
+            self.drawn = DrawnMaps(lanes, scenarios[0], obstacle_map)
         self.episodes: list[Episode | None] = [None] * lanes
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
         self._noisy: set[int] = set()
+        on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
+        self._guidance = Guidance(lanes, scenarios) if on_map else None
+        self._habits = HabitLanes()
+        self._recorded: set[int] = set()
+        self._drifting: set[int] = set()
 
     def episode(self, lane: int) -> Episode:
         """The present episode of a lane that has begun."""
@@ -103,21 +137,24 @@ class Worlds:
         """
         prepared = self._prepare(scenario)
         model = make_walking_model(scenario)
-        layout = place(scenario, seed)
+        layout = place(scenario, seed, prepared.places, prepared.routes)
         state = self.state
         state.worlds[lane] = prepared.world
         state.obstacles[lane, : len(layout.obstacles)] = layout.obstacles
         state.walls[lane, : len(layout.walls)] = layout.walls
         self._place_robots(lane, layout, prepared)
-        drawing = self._place_people(lane, layout, seed, scenario)
+        if self._guidance is not None:
+            self._guidance.begin(lane, prepared.places, state.robots)
+        drawing = self._place_people(lane, layout, seed, prepared)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
             layout.pedestrian_position,
-            scenario.pedestrians.radius,
+            layout.traits.radius,
             layout.obstacles,
             layout.walls,
             state.contacts[lane],
+            apart=layout.tracks is not None,
         )
         state.worlds["space"][lane] = bodies.space
         state.robots["body"][lane] = bodies.addresses[: state.robots.shape[1]]
@@ -126,15 +163,34 @@ class Worlds:
         ]
         noisy = state.robots.shape[1] if prepared.noisy else 0
         noise = [streams.lidar(seed, r) for r in range(noisy)]
+        drifting = [
+            DriftingOdometry(scenario.robots.odometry, pose, streams.odometry(seed, r))
+            for r, pose in enumerate(layout.robot_pose if prepared.drifts else ())
+        ]
+        if self.drawn is not None:
+            self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
+        (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._noisy.add if noisy else self._noisy.discard)(lane)
-        self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, noise)
+        self._habits.note(lane, scenario.pedestrians)
+        (self._drifting.add if drifting else self._drifting.discard)(lane)
+        self.episodes[lane] = Episode(
+            prepared, seed, layout, bodies, model, drawing, noise, drifting
+        )
         if before is not None:
             before.bodies.free()
+        if isinstance(model, Recorded):
+            assert layout.tracks is not None
+            model.follow(layout.tracks)
         if self._kernels[lane] is None:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
             model.reset(self._crowd(lane), streams.walking(seed))
+
+    def ways(self, lane: int) -> NDArray[np.float64]:
+        """(P, POINTS, 2) next points of people's ways, the last one repeated; else goals [m]."""
+        prepared = self.episode(lane).prepared
+        return legs.ways(lane, self.state, prepared.scenario.pedestrians.count, prepared.routes)
 
     def choose(self, lanes: Lanes) -> None:
         """Let all pedestrians decide from the same snapshot how to walk.
@@ -143,8 +199,11 @@ class Worlds:
             ScenarioError: a walking model returns no velocities.
         """
         s = self.state
-        if decide(lanes, s.worlds, s.robots, s.people, s.obstacles, s.sees, s.draws):
+        self._habits.act(BEFORE_LEGS, lanes, s)
+        routes = [self.episode(lane).prepared.routes for lane in lanes.tolist()]
+        if legs.choose_legs(lanes, s, routes):
             self._draw()
+        self._habits.act(BEFORE_CHOICE, lanes, s)
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
         for kernel in set(kernels):
             which = lanes[np.array([other is kernel for other in kernels])]
@@ -159,19 +218,24 @@ class Worlds:
 
         Args:
             lanes: (M,) which.
-            commands: (M, R, 2) actions within the drive's bounds; those of robots that have left
-                the scene are ignored.
+            commands: (M, R, 2) actions within the drive's bounds, which act after the robots'
+                latency; those of robots that have left the scene are ignored.
 
         Raises:
             ScenarioError: somebody is far too fast.
         """
         s = self.state
+        self._habits.act(AFTER_CHOICE, lanes, s)
+        if s.under_way.shape[2]:
+            commands = self._delay(lanes, commands)
         stuck = move(lanes, commands, s.worlds, s.robots, s.people, FUNCTIONS)
         if stuck >= 0:
             scenario = self.episode(stuck).prepared.scenario
             physics(scenario, float(s.worlds["bias"][stuck]))
         for i in np.flatnonzero(s.worlds["drive"][lanes] == kinematics.OTHER).tolist():
             self._move_by_drive(int(lanes[i]), commands[i])
+        for lane in self._recorded.intersection(lanes.tolist()):
+            self._come_and_go(lane)
 
     def observe(self, lanes: Lanes) -> None:
         """Write what robots see, and how near the nearest thing is, into ``state``."""
@@ -179,17 +243,29 @@ class Worlds:
         if s.robots.shape[1] > 1:
             outline(lanes, s.worlds, s.robots)
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
+        if self._guidance is not None:
+            self._guidance.observe(lanes, s.robots, s.seen)
         for lane in self._noisy.intersection(lanes.tolist()):
             episode = self.episode(lane)
             for r, noise in enumerate(episode.noise):
                 if s.robots["active"][lane, r]:
                     scan = s.seen[lane, r, PROPRIOCEPTION:]
                     add_noise(scan, episode.prepared.scenario, noise)
+        for lane in self._drifting.intersection(lanes.tolist()):
+            robots = s.robots[lane]
+            for r in np.flatnonzero(robots["active"]).tolist():
+                odometry = self.episode(lane).odometry[r]
+                odometry.update(robots["pose"][r])
+                s.seen[lane, r, ODOMETRY] = odometry.wrapped()
+        if self.drawn is not None:
+            self.drawn.update(lanes, s.seen, s.robots["active"], s.under_way)
 
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""
         s = self.state
         judge(lanes, s.worlds, s.robots, s.people, s.contacts)
+        if self._guidance is not None:
+            self._guidance.judge(lanes, s.worlds, s.robots)
 
     def remove(self, lane: int, robot: int) -> None:
         """Take a robot out of the scene."""
@@ -206,6 +282,9 @@ class Worlds:
                 world_of(scenario, drive, kinematics.kernel_of(drive)),
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
+                scenario.robots.odometry != Odometry(),
+                places_of(scenario),
+                routes_of(scenario) if has_routes(scenario) else None,
             )
         return self._prepared[id(scenario)]
 
@@ -214,34 +293,75 @@ class Worlds:
         robots["pose"] = robots["origin"] = layout.robot_pose
         robots["goal"] = layout.robot_goal
         robots["velocity"] = 0.0
+        self.state.under_way[lane] = 0.0
         robots["active"] = True
         ways = layout.robot_goal - layout.robot_pose[:, :2]
         robots["distance"] = np.linalg.norm(ways, axis=1)
         self._note_travel(lane, prepared)
 
     def _place_people(
-        self, lane: int, layout: Layout, seed: int, scenario: Scenario
+        self, lane: int, layout: Layout, seed: int, prepared: Prepared
     ) -> list[np.random.Generator]:
         """Begin the first legs; returns where later ones are drawn from."""
-        s, settings = self.state, scenario.pedestrians
+        s, settings = self.state, prepared.scenario.pedestrians
         people = s.people[lane, : settings.count]
-        low, high = settings.speed
         drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
         draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
         for row, stream in zip(draws, drawing, strict=True):
             stream.random(out=row)
-        people["speed"] = low + (high - low) * draws[:, 0]
+        people["speed"] = preferred_speeds(settings, draws[:, 0])
+        people["acceleration"] = settings.acceleration or np.inf
         s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         people["drawn"] = 0
-        people["position"] = layout.pedestrian_position
+        people["present"], people["preferred"] = True, 0.0
+        people["position"] = people["next_goal"] = layout.pedestrian_position
         people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = settings.radius
-        begin_legs(lane, s.worlds, s.people, s.obstacles, s.draws)
-        ahead = people["goal"] - people["position"]
+        people["radius"] = layout.traits.radius
+        if layout.tracks is not None:
+            self._follow(people, layout.tracks)
+            begin_habits(people, s.queues[lane], layout, settings)
+            return drawing
+        legs.begin(lane, s, layout.pedestrian_stage, prepared.routes)
+        ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
         people["heading"] = headings = [math.atan2(y, x) for x, y in ahead.tolist()]
         directions = np.array([(math.cos(heading), math.sin(heading)) for heading in headings])
-        people["velocity"] = people["speed"][:, None] * directions.reshape(-1, 2)
+        people["velocity"] = people["preferred"] = people["speed"][:, None] * directions.reshape(
+            -1, 2
+        )
+        begin_habits(people, s.queues[lane], layout, settings)
         return drawing
+
+    @staticmethod
+    def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
+        """Begin as recorded."""
+        people["start"], people["goal"], people["speed"] = tracks.ways()
+        people["next_goal"], people["intent"] = people["goal"], KEEP
+        people["switch_time"] = people["deadline"] = np.inf
+        people["velocity"] = tracks.velocity(0)
+        people["present"] = np.isfinite(tracks.at(0)[:, 0])
+        people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]
+
+    def _come_and_go(self, lane: int) -> None:
+        """Let recorded people appear and leave, at the end of a control period."""
+        episode, people = self.episode(lane), self.state.people[lane]
+        assert isinstance(episode.model, Recorded)
+        tracks = episode.model.tracks
+        step = round(
+            float(self.state.worlds["time"][lane]) / episode.prepared.scenario.control_period
+        )
+        present = episode.model.present(self._crowd(lane), step)
+        places = np.where(present[:, None], tracks.at(step), away(len(present)))
+        for p in np.flatnonzero(present != people["present"][: len(present)]).tolist():
+            people["present"][p] = present[p]
+            people["position"][p] = places[p]
+            people["velocity"][p] = tracks.velocity(step)[p] if present[p] else 0.0
+            episode.bodies.place(p, *places[p].tolist())
+
+    def _delay(self, lanes: Lanes, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The commands (M, R, 2) that act now; the given ones join those under way."""
+        queue = np.concatenate([self.state.under_way[lanes], commands[:, :, None]], axis=2)
+        self.state.under_way[lanes] = queue[:, :, 1:]
+        return np.ascontiguousarray(queue[:, :, 0])
 
     def _draw(self) -> None:
         """Give those who have used up their draws new ones."""
@@ -269,10 +389,11 @@ class Worlds:
             position=people["position"].copy(),
             velocity=people["velocity"].copy(),
             heading=people["heading"].copy(),
-            goal=people["goal"].copy(),
+            goal=np.ascontiguousarray(self.ways(lane)[:, 0]),
             preferred_speed=people["speed"].copy(),
-            radius=scenario.pedestrians.radius,
-            present=np.ones(count, dtype=np.bool_),
+            preferred_velocity=people["preferred"].copy(),
+            radius=people["radius"].copy(),
+            present=people["present"].copy(),
             sees_robot=self.state.sees[lane, :count].copy(),
             robot_position=robots["pose"][:, :2].copy(),
             robot_velocity=robots["world_velocity"].copy(),

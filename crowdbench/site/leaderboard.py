@@ -64,19 +64,27 @@ def scenario_document(label: str, scenario: Scenario | None) -> dict[str, Any]:
     if scenario is None:
         return {"label": label, "family": "unknown", "description": "", "arena": None}
     angle, lidar = scenario.lidar.field_of_view, scenario.lidar
+    arena = scenario.arena
     return {
         "label": label,
         "family": family(scenario),
         "description": scenario.description,
-        "arena": [scenario.arena.length, scenario.arena.width],
-        "lidar": {"beams": lidar.beams, "degrees": angle, "range": lidar.range},
+        "arena": [arena.length, arena.width],
+        "centre": arena.centre,
+        "solids": arena.polygons,
+        "lidar": {
+            "beams": lidar.beams,
+            "degrees": angle,
+            "range": lidar.range,
+            "mount": list(lidar.mount),
+        },
     }
 
 
 def family(scenario: Scenario) -> str:
-    """What a scenario has in common with others: corridor, or open and whether people react."""
-    if scenario.arena.kind == "corridor":
-        return "corridor"
+    """What it has in common with others: corridor, map, or open and whether people react."""
+    if scenario.arena.kind != "open":
+        return scenario.arena.kind
     share = scenario.pedestrians.reactive
     return f"open, {'reactive' if share == 1 else 'nonreactive' if share == 0 else 'mixed'}"
 

@@ -72,8 +72,8 @@ def encode(episode: Episode) -> dict[str, Any]:
         "goal": _numbers(episode.goal),
         "walls": _numbers(episode.walls),
         "obstacles": _numbers(episode.obstacles),
-        "radius": episode.pedestrian_radius,
-        "reactive": episode.pedestrian_reactive.tolist(),
+        "radii": _numbers(episode.pedestrian_radius),
+        "sees": [_changes(sees) for sees in _sees(episode).T[..., None]],
         "pose": _packed(episode.robot_pose),
         "motion": _packed(_motion(episode)),
         "others": _packed(episode.other_robots),
@@ -123,6 +123,11 @@ def _line(document: dict[str, Any], file: int | None) -> dict[str, Any]:
         "close": kinds.count("ttc"),
         "file": file,
     }
+
+
+def _sees(episode: Episode) -> NDArray[np.bool_]:
+    """(T + 1, P) who sees the robot: the reactive ones who do not look away."""
+    return episode.pedestrian_reactive & episode.pedestrian_attentive
 
 
 def _motion(episode: Episode) -> NDArray[np.float64]:

@@ -113,10 +113,10 @@ def _draw(axis: Axes, episode: Episode, step: int) -> None:
     for x1, y1, x2, y2 in episode.walls:
         axis.plot([x1, x2], [y1, y2], color="black", linewidth=1)
     start = max(0, step - round(4 / episode.control_period))  # the last four seconds
-    for person in range(episode.pedestrian_position.shape[1]):
+    for person, radius in enumerate(episode.pedestrian_radius):
         path = episode.pedestrian_position[start : step + 1, person]
         axis.plot(*path.T, color=PERSON, linewidth=0.7, alpha=0.6)
-        axis.add_patch(Circle(path[-1], episode.pedestrian_radius, color=PERSON))
+        axis.add_patch(Circle(path[-1], radius, color=PERSON))
     axis.plot(*episode.robot_pose[: step + 1, :2].T, color=ROBOT, linewidth=0.9)
     x, y, heading = episode.robot_pose[step]
     ahead, aside = (

@@ -5,6 +5,7 @@ import pytest
 import shapely
 import torch
 from crowdbench_agents.learning import precision
+from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 
 import crowdbench
@@ -19,10 +20,10 @@ class LidarWorld:
     def scan(self, pose, discs, walls=()):
         """(beams,) float32 distances to discs (N, 3) and walls (S, 4)."""
         out = np.empty(len(self.spec.lidar_angles), dtype=np.float32)
-        nobody, discs = np.empty((0, 2)), np.array(discs, dtype=float).reshape(-1, 3)
+        nobody, discs = np.empty((0, 3)), np.array(discs, dtype=float).reshape(-1, 3)
         walls = np.array(walls, dtype=float).reshape(-1, 4)
         beams, pose = beam_table(self.spec.lidar_angles), np.array(pose, dtype=float)
-        cast_rays(pose, beams, nobody, 0.25, discs, walls, self.spec.lidar_range, out)
+        cast_rays(pose, beams, nobody, discs, walls, self.spec.lidar_range, out)
         return out
 
     def observe(self, pose, discs, walls=(), goal=(5.0, 0.0), velocity=(0.0, 0.0)):
@@ -86,6 +87,26 @@ class LidarWorld:
 def world():
     """A small exact world to try LiDAR agents in."""
     return LidarWorld()
+
+
+@pytest.fixture
+def small():
+    """Configuration fields that make networks and runs small, whatever is trained."""
+    return {
+        "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "training.environments": 4,
+        "training.replay": 2000, "training.warmup": 60, "training.validation_episodes": 1,
+        "training.bfloat16": False,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def tiny(overrides):
+    """Makes a small configuration of what a folder's tests are about, with changes."""
+
+    def make(**changes):
+        return load_config().override(overrides | changes)
+
+    return make
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ import onnx
 import onnx.parser
 import psutil
 import pytest
-from crowdbench_agents.learning.perception import MapGeometry, ObstacleMap
 from onnx.external_data_helper import convert_model_to_external_data
 
 import crowdbench
@@ -111,8 +110,8 @@ def test_the_map_is_that_of_the_scans_since_the_reset(written):
     rng = np.random.default_rng(0)
     for _ in range(2):
         agent.reset(ROBOT, 0)
-        geometry = MapGeometry(cells=16, size=4.0, ahead=3.0)
-        maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, geometry)
+        geometry = crowdbench.MapGeometry(cells=16, size=4.0, ahead=3.0)
+        maps = crowdbench.ObstacleMap(ROBOT, geometry)
         for _ in range(3):
             seen = observation(rng)
             count = maps.update(seen.lidar, seen.pose).astype(float).sum()

@@ -81,7 +81,7 @@ def test_clearance_is_the_distance_between_the_shapes(seed):
         for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ]
     expected = [max(Polygon(corners).distance(Point(p)) - 0.25, 0.0) for p in people]
-    measured = clearance(pose[None], (length, width), people[None], 0.25)[0]
+    measured = clearance(pose[None], (length, width), people[None], np.full(len(people), 0.25))[0]
     assert measured == pytest.approx(np.array(expected))
 
 

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import psutil
 import pytest
+from short_episodes import TINY
 
-from crowdbench import AgentSpec, load_scenario
+from crowdbench import AgentSpec
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.keeper import KEPT
 from crowdbench.evaluation.pool import Limits, Pool
@@ -20,14 +21,6 @@ from crowdbench.evaluation.protocol import Describe, Described
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import IncompleteError, Task, run
 
-TINY = load_scenario(
-    "multimodal_fast",
-    name="tiny",
-    time_limit=1.2,
-    arena={"length": 6, "width": 6},
-    robots={"travel": 4},
-    pedestrians={"count": 1, "leg": 2},
-)
 PLANNERS = '''
 import gc, os, pickle, signal, subprocess, sys, time
 import crowdbench

@@ -8,8 +8,9 @@ import sys
 from collections import Counter
 
 import pytest
+from short_episodes import TINY
 
-from crowdbench import AgentSpec, load_scenario
+from crowdbench import AgentSpec
 from crowdbench.agent import AgentError
 from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.machine import machine_name
@@ -20,14 +21,6 @@ from crowdbench.evaluation.ray_node import Node
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Task, run
 
-TINY = load_scenario(
-    "multimodal_fast",
-    name="tiny",
-    time_limit=1.2,
-    arena={"length": 6, "width": 6},
-    robots={"travel": 4},
-    pedestrians={"count": 2, "leg": 2},
-)
 PLANNER = '''
 import os, pathlib, signal, tempfile, time
 import crowdbench
@@ -210,7 +203,7 @@ def test_what_is_no_address_is_refused(address):
 
 def test_where_no_cluster_answers_that_is_said(monkeypatch):
     pytest.importorskip("ray")
-    monkeypatch.setattr("crowdbench.evaluation.ray_executor._REACHED_WITHIN", 0.2)
+    monkeypatch.setattr("crowdbench.evaluation.ray_cluster._REACHED_WITHIN", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as server:
         silent = f"127.0.0.1:{server.getsockname()[1]}"
         with pytest.raises(ExecutorError, match=f"no Ray cluster at {silent}: timed out"):
@@ -229,7 +222,7 @@ def test_a_cluster_that_may_want_a_token_is_told_of(monkeypatch):
         raise ConnectionError("Failed to connect\nto Ray")
 
     monkeypatch.setattr(ray, "init", refuse)
-    monkeypatch.setattr("crowdbench.evaluation.ray_executor._require_reachable", lambda address: 0)
+    monkeypatch.setattr("crowdbench.evaluation.ray_cluster._require_reachable", lambda address: 0)
     monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
     with pytest.raises(
         ExecutorError, match=r"Ray at head:1: Failed to connect to Ray; .*MODE=token"

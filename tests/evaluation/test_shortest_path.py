@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
+from scenes import GOAL, RADIUS, START, grid_search, pillar_scene, random_scene
 
 from crowdbench.evaluation.shortest_path import shortest_path, shortest_route
-
-RADIUS = 0.15
-START, GOAL = np.array([0.0, 0.0]), np.array([4.0, 0.0])
 
 
 def length(walls=(), obstacles=(), start=START, goal=GOAL):
@@ -176,18 +172,6 @@ def test_an_obstacle_more_never_shortens_the_path(seed):
     assert length(walls, discs) >= length(walls[:-1], discs) - 1e-9
 
 
-def random_scene(seed):
-    """Walls and discs between start and goal that leave both of them free."""
-    rng = np.random.default_rng(seed)
-    discs = np.concatenate(
-        [rng.uniform([0.6, -1.0], [3.4, 1.0], (5, 2)), rng.uniform(0.1, 0.4, (5, 1))], axis=1
-    )
-    begin = rng.uniform([0.3, -1.0], [3.7, 1.0], (2, 2))
-    walls = np.concatenate([begin, begin + rng.uniform(-1, 1, (2, 2))], axis=1)
-    walls[:, 2] = np.clip(walls[:, 2], 0.3, 3.7)
-    return walls, discs
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_a_search_on_a_fine_grid_finds_the_same_length(seed):
     """The grid's path is a real path, so never shorter, and at most 1.5 % and 3 cm longer.
@@ -200,50 +184,26 @@ def test_a_search_on_a_fine_grid_finds_the_same_length(seed):
     assert exact - 1e-3 <= grid <= exact * 1.015 + 0.03
 
 
+def test_among_pillars_of_many_edges_too():
+    """On a coarser grid, whose spacing of 5 cm costs up to 6 cm."""
+    walls, discs = pillar_scene(seed=7)
+    assert len(walls) == 58
+    exact = length(walls, discs)
+    assert exact > 4.9
+    grid = grid_search(walls, discs, spacing=0.05)
+    assert exact - 1e-3 <= grid <= exact * 1.015 + 0.06
+
+
+def test_edges_of_a_polygon_are_not_doubled_where_they_meet():
+    square = np.array([[1.5, -0.5], [2.5, -0.5], [2.5, 0.5], [1.5, 0.5]])
+    edges = np.hstack([square, np.roll(square, -1, axis=0)])
+    # Around two corners, by a quarter of a turn and two tangents each.
+    tangent = math.sqrt(1.5**2 + 0.5**2 - RADIUS**2)
+    bend = math.atan2(0.5, 1.5) + math.asin(RADIUS / math.hypot(1.5, 0.5))
+    assert length(edges) == pytest.approx(2 * tangent + 2 * RADIUS * bend + 1.0)
+
+
 def test_the_random_scenes_are_in_the_way():
     lengths = [length(*random_scene(seed)) for seed in range(12)]
     assert sum(value > 4.05 for value in lengths) >= 6
     assert all(math.isfinite(value) for value in lengths)
-
-
-def grid_search(walls, discs, spacing=0.025):
-    """Dijkstra on a grid with 32 directions; moves are checked every quarter of the spacing."""
-    xs, ys = np.arange(-0.5, 4.5 + 1e-9, spacing), np.arange(-2.5, 2.5 + 1e-9, spacing)
-    shape = len(xs), len(ys)
-    index = np.arange(shape[0] * shape[1]).reshape(shape)
-    moves = [
-        (i, j) for i in range(-3, 4) for j in range(4) if math.gcd(i, j) == 1 and (j > 0 or i > 0)
-    ]
-    begin, end, cost = [], [], []
-    for i, j in moves:
-        first = index[max(0, -i) : shape[0] - max(0, i), : shape[1] - j]
-        second = index[max(0, i) : shape[0] + min(0, i), j:]
-        p = np.stack([xs[first // shape[1]], ys[first % shape[1]]], axis=-1)
-        free = np.ones(first.shape, dtype=bool)
-        samples = math.ceil(4 * math.hypot(i, j))
-        for k in range(samples + 1):
-            free &= is_free(p + spacing * np.array([i, j]) * k / samples, walls, discs)
-        begin.append(first[free])
-        end.append(second[free])
-        cost.append(np.full(np.count_nonzero(free), spacing * math.hypot(i, j)))
-    graph = coo_array(
-        (np.concatenate(cost), (np.concatenate(begin), np.concatenate(end))),
-        shape=(index.size, index.size),
-    )
-    origin, target = (
-        index[np.argmin(abs(xs - x)), np.argmin(abs(ys - y))] for x, y in (START, GOAL)
-    )
-    return float(dijkstra(graph.tocsr(), directed=False, indices=origin)[target])
-
-
-def is_free(points, walls, discs):
-    free = np.ones(points.shape[:-1], dtype=bool)
-    for x, y, radius in discs:
-        free &= np.hypot(points[..., 0] - x, points[..., 1] - y) >= radius + RADIUS
-    for x1, y1, x2, y2 in walls:
-        dx, dy = x2 - x1, y2 - y1
-        t = ((points[..., 0] - x1) * dx + (points[..., 1] - y1) * dy) / (dx * dx + dy * dy)
-        t = np.clip(t, 0, 1)
-        near = np.hypot(points[..., 0] - x1 - t * dx, points[..., 1] - y1 - t * dy)
-        free &= near >= RADIUS
-    return free

@@ -27,8 +27,9 @@ def test_the_force_is_that_of_the_walking_model_but_for_its_strength(seed):
     position, velocity = rng.uniform(-1.5, 1.5, (2, 2)), rng.uniform(-1, 1, (2, 2))
     walked = np.empty((2, 2))
     walking.social_force_velocities(
-        position, velocity, velocity, np.full(2, 1e9), 0.25, np.zeros((2, 0), dtype=bool),
-        np.zeros((0, 2)), np.zeros((0, 2)), 0.25, 0.5, NO_OBSTACLES, NO_WALLS, 1.0, walked,
+        position, velocity, velocity, np.full(2, 1e9), np.full(2, 0.25),
+        np.zeros((2, 0), dtype=bool), np.zeros((0, 2)), np.zeros((0, 2)), 0.25, 0.5,
+        NO_OBSTACLES, NO_WALLS, 1.0, walked,
     )  # fmt: skip
     expected = (walked - velocity)[0] * INTERACTION_STRENGTH / walking.INTERACTION_STRENGTH
     force = social_force(position[1] - position[0], velocity[0] - velocity[1])

@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 from pydantic import BaseModel
 
-from crowdbench.scenario import Arena, Scenario, later, load_scenario, scenario_names
+from crowdbench.scenario import (
+    Arena,
+    Odometry,
+    Scenario,
+    later,
+    load_scenario,
+    scenario_names,
+)
+from crowdbench.scenario.habits import Attention, Stops
+from crowdbench.scenario.recorded import Recording
 
 DIGESTS = {
     "unimodal_slow": "3690941ae711",
@@ -36,8 +45,43 @@ FIRST_FIELDS = {
 """Those of 0.1.0, which every digest holds. Nothing is ever added here."""
 
 LATER_FIELDS: dict[str, object] = {
+    "arena.walls": (),
+    "arena.polygons": (),
+    "arena.image": None,
+    "arena.regions": {},
+    "arena.centre": (0.0, 0.0),
+    "robots.start": None,
+    "robots.goal": None,
+    "robots.look_ahead": 3.0,
     "robots.drive": "differential",
     "robots.lateral_speed": (-1.0, 1.0),
+    "pedestrians.speed_mean": None,
+    "pedestrians.speed_deviation": None,
+    "pedestrians.acceleration": None,
+    "pedestrians.attention": Attention(),
+    "pedestrians.attention.away_share": 0.0,
+    "pedestrians.attention.away_for": (2.0, 5.0),
+    "pedestrians.attention.every": (5.0, 10.0),
+    "pedestrians.stops": Stops(),
+    "pedestrians.stops.share": 0.0,
+    "pedestrians.stops.duration": (2.0, 5.0),
+    "pedestrians.standing": 0.0,
+    "pedestrians.queues": (),
+    "pedestrians.recording": Recording(),
+    "pedestrians.recording.file": "",
+    "pedestrians.recording.unit": None,
+    "pedestrians.recording.fps": None,
+    "pedestrians.recording.route": "across",
+    "pedestrians.recording.sha256": "",
+    "robots.latency": 0,
+    "robots.odometry": Odometry(),
+    "robots.odometry.rotation": 0.0,
+    "robots.odometry.rotation_by_translation": 0.0,
+    "robots.odometry.translation": 0.0,
+    "robots.odometry.translation_by_rotation": 0.0,
+    "lidar.mount": (0.0, 0.0, 0.0),
+    "pedestrians.leg_from": "position",
+    "pedestrians.streams": (),
 }
 """Those declared with ``later`` and their defaults, which never change."""
 

@@ -97,7 +97,10 @@ def test_a_missing_file_is_named():
         ("pedestrians: 7", "pedestrians: expected a section of `key: value` lines"),
         ("pedestrians: {model: 7}", "pedestrians.model: expected text (got 7)"),
         ("pedestrians: {model: orcas}", "unknown walking model 'orcas'; did you mean 'orca'?"),
-        ("pedestrians: {model: walk}", "model 'walk'; known: orca, social_force, straight"),
+        (
+            "pedestrians: {model: walk}",
+            "model 'walk'; known: orca, recorded, social_force, ",
+        ),
         ("robots: {drive: hover}", "robots.drive: unknown drive 'hover'; known: differential, "),
     ],
 )

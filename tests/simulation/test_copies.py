@@ -6,8 +6,9 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
+from map_scenarios import ROOMS
 
-from crowdbench import Scenario
+from crowdbench import MapGeometry, Scenario
 from crowdbench.simulation.env import CrowdEnv
 
 NOISY = Scenario(
@@ -15,6 +16,7 @@ NOISY = Scenario(
     pedestrians={"count": 5, "goals": "multimodal", "speed": [0.7, 1.1]},
 )  # fmt: skip
 FLEET = NOISY.override({"robots.count": 3, "pedestrians.count": 3})
+ON_MAP = FLEET.override(ROOMS)
 STEERED = FLEET.override({"pedestrians.control": "agents"})
 QUICK = NOISY.override({"robots.speed": [0, 5], "control_period": 1.0, "substeps": 1})
 
@@ -50,7 +52,9 @@ def go_on(env, seed=9):
 
 
 @pytest.mark.parametrize(
-    "scenario", [NOISY, FLEET, STEERED, QUICK], ids=["noisy", "fleet", "steered", "quick"]
+    "scenario",
+    [NOISY, FLEET, STEERED, QUICK, ON_MAP],
+    ids=["noisy", "fleet", "steered", "quick", "map"],
 )
 @pytest.mark.parametrize("way", WAYS, ids=["deepcopy", "pickle"])
 @pytest.mark.parametrize("steps", [0, 12])
@@ -68,7 +72,7 @@ def test_a_copy_goes_on_identically(scenario, way, steps):
 
 @pytest.mark.parametrize("way", WAYS, ids=["deepcopy", "pickle"])
 def test_a_copy_after_some_robots_have_left_goes_on_identically(way):
-    env, rng = CrowdEnv(FLEET), np.random.default_rng(3)
+    env, rng = CrowdEnv(FLEET, obstacle_map=MapGeometry(16, 6.0, 4.0)), np.random.default_rng(3)
     for seed in range(50):
         env.reset(seed=seed)
         while len(env.agents) == 3:

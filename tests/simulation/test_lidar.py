@@ -12,15 +12,13 @@ from crowdbench import Scenario
 from crowdbench.agent import lidar_angles
 from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
 
-NO_PEOPLE, NO_OBSTACLES, NO_WALLS = np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 4))
+NO_PEOPLE, NO_OBSTACLES, NO_WALLS = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4))
 FULL_CIRCLE = np.arange(180) * (2 * np.pi / 180)
 
 
 def scan(pose, angles=FULL_CIRCLE, people=NO_PEOPLE, obstacles=NO_OBSTACLES, walls=NO_WALLS):
     out = np.empty(len(angles), np.float32)
-    least = cast_rays(
-        np.array(pose, float), beam_table(angles), people, 0.25, obstacles, walls, 6.0, out
-    )
+    least = cast_rays(np.array(pose, float), beam_table(angles), people, obstacles, walls, 6.0, out)
     assert least == pytest.approx(out.min())
     return out
 
@@ -28,8 +26,7 @@ def scan(pose, angles=FULL_CIRCLE, people=NO_PEOPLE, obstacles=NO_OBSTACLES, wal
 def reference(pose, angles, people, obstacles, walls):
     origin = Point(pose[0], pose[1])
     # A circle of 400 corners stands for the true one: it is within 2e-5 m.
-    shapes = [Point(p).buffer(0.25, quad_segs=100) for p in people]
-    shapes += [Point(x, y).buffer(r, quad_segs=100) for x, y, r in obstacles]
+    shapes = [Point(x, y).buffer(r, quad_segs=100) for x, y, r in [*people, *obstacles]]
     shapes += [LineString([wall[:2], wall[2:]]) for wall in walls]
     directions = np.column_stack([np.cos(pose[2] + angles), np.sin(pose[2] + angles)])
     ends = pose[:2] + 6.0 * directions
@@ -44,8 +41,8 @@ def reference(pose, angles, people, obstacles, walls):
 def test_ranges_equal_shapelys_in_random_scenes(seed, view):
     rng = np.random.default_rng(seed)
     pose = np.array([*rng.uniform(-1, 1, 2), rng.uniform(-4, 4)])
-    people = rng.uniform(-6, 6, (6, 2))
-    people = people[np.linalg.norm(people - pose[:2], axis=1) > 0.3]
+    people = np.column_stack([rng.uniform(-6, 6, (6, 2)), rng.uniform(0.15, 0.35, 6)])
+    people = people[np.linalg.norm(people[:, :2] - pose[:2], axis=1) > 0.4]
     obstacles = np.column_stack([rng.uniform(-6, 6, (3, 2)), rng.uniform(0.2, 0.6, 3)])
     obstacles = obstacles[np.linalg.norm(obstacles[:, :2] - pose[:2], axis=1) > 0.7]
     walls = rng.uniform(-5, 5, (3, 4))
@@ -65,7 +62,7 @@ def test_an_empty_scene_returns_the_full_range():
 
 
 def test_beam_zero_looks_ahead_and_beams_go_counter_clockwise():
-    ahead_left = np.array([[2.0, 0.0], [0.0, 3.0]])
+    ahead_left = np.array([[2.0, 0.0, 0.25], [0.0, 3.0, 0.25]])
     ranges = scan([0, 0, 0], people=ahead_left)
     assert ranges[0] == pytest.approx(1.75)
     assert ranges[45] == pytest.approx(2.75)
@@ -83,7 +80,7 @@ def test_walls_have_no_gap_where_they_meet():
 
 
 def test_a_sensor_inside_a_shape_reads_zero():
-    assert (scan([0, 0, 0], people=np.array([[0.1, 0.0]])) == 0).all()
+    assert (scan([0, 0, 0], people=np.array([[0.1, 0.0, 0.25]])) == 0).all()
 
 
 @settings(deadline=None)

@@ -15,7 +15,7 @@ STEP = 0.2
 NOTHING = {"obstacles": np.zeros((0, 3)), "walls": np.zeros((0, 4))}
 
 
-def solve(position, velocity, preferred, max_speed, *, robot=None, share=0.5, **static):
+def solve(position, velocity, preferred, max_speed, radius=RADIUS, robot=None, share=0.5, **static):
     """Our velocities; ``robot`` is (position, velocity), seen by everybody."""
     out = np.full_like(position, np.nan)
     robots = np.zeros((0, 2)) if robot is None else np.array([robot[0]], float)
@@ -26,7 +26,7 @@ def solve(position, velocity, preferred, max_speed, *, robot=None, share=0.5, **
         velocity,
         preferred,
         max_speed,
-        RADIUS,
+        np.broadcast_to(radius, len(position)).copy(),
         np.ones((len(position), len(robots)), bool),
         robots,
         moving,
@@ -40,7 +40,7 @@ def solve(position, velocity, preferred, max_speed, *, robot=None, share=0.5, **
     return out
 
 
-def solve_pyrvo(position, velocity, preferred, max_speed, walls=()):
+def solve_pyrvo(position, velocity, preferred, max_speed, radius=(), walls=()):
     simulator = pyrvo.RVOSimulator(
         STEP, orca.NEIGHBOUR_DISTANCE, 100, orca.AGENT_HORIZON, orca.STATIC_HORIZON, RADIUS, 1.0
     )
@@ -49,6 +49,8 @@ def solve_pyrvo(position, velocity, preferred, max_speed, walls=()):
         simulator.set_agent_velocity(agent, tuple(velocity[p]))
         simulator.set_agent_pref_velocity(agent, tuple(preferred[p]))
         simulator.set_agent_max_speed(agent, max_speed[p])
+    for agent, around in enumerate(radius):
+        simulator.set_agent_radius(agent, around)
     for wall in walls:
         simulator.add_obstacle([tuple(wall[:2]), tuple(wall[2:])])
     if len(walls):
@@ -89,6 +91,15 @@ def test_velocities_equal_pyrvo_between_walls():
     walls = np.array([[-50.0, -2.0, 50.0, -2.0], [50.0, 2.0, -50.0, 2.0]])
     for _ in range(100):
         scene = spaced_scene(rng, 5, 3.4)
+        ours, theirs = solve(*scene, walls=walls), solve_pyrvo(*scene, walls=walls)
+        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+
+
+def test_velocities_equal_pyrvo_where_people_are_of_different_sizes():
+    rng = np.random.default_rng(4)
+    walls = np.array([[-50.0, -2.5, 50.0, -2.5], [50.0, 2.5, -50.0, 2.5]])
+    for _ in range(100):
+        scene = (*spaced_scene(rng, 6, 4.2), rng.uniform(0.1, RADIUS, 6))
         ours, theirs = solve(*scene, walls=walls), solve_pyrvo(*scene, walls=walls)
         np.testing.assert_allclose(ours, theirs, atol=1e-4)
 
@@ -184,7 +195,7 @@ def test_an_unseen_robot_changes_nothing():
         mine,
         mine,
         np.ones(1),
-        RADIUS,
+        np.full(1, RADIUS),
         np.zeros((1, 1), bool),
         np.array([[0.8, 0.0]]),
         np.array([[-1.0, 0.0]]),

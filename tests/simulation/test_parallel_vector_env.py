@@ -4,22 +4,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from map_scenarios import ROOMS
 
-from crowdbench import CrowdEnv, Scenario, parallel_vector_env
+from crowdbench import CrowdEnv, MapGeometry, Scenario, parallel_vector_env
 
 FLEET = Scenario(
     name="fleet", time_limit=6, robots={"count": 3, "travel": 5},
     arena={"length": 8, "width": 8}, pedestrians={"count": 3, "speed": [0.7, 1.1]},
 )  # fmt: skip
 QUIET = FLEET.override({"pedestrians.count": 0, "lidar.noise": 0.02, "time_limit": 4})
+ON_MAP = FLEET.override(ROOMS)
+MAP = MapGeometry(16, 6.0, 4.0)
 
 
 @settings(deadline=None, max_examples=5)
 @given(seed=st.integers(0, 10**6), lanes=st.integers(1, 4))
 def test_every_lane_is_the_single_environment_to_the_last_bit(seed, lanes):
-    env = parallel_vector_env([FLEET, QUIET], lanes)
+    env = parallel_vector_env([FLEET, QUIET, ON_MAP], lanes, obstacle_map=MAP)
     seen, infos = env.reset(seed=seed)
-    singles = [CrowdEnv(env.scenarios[k]) for k in infos["robot_0"]["scenario"]]
+    singles = [CrowdEnv(env.scenarios[k], obstacle_map=MAP) for k in infos["robot_0"]["scenario"]]
     for lane, single in enumerate(singles):
         same_lane(seen, lane, single.reset(seed=seed + lane)[0])
     rng = np.random.default_rng(seed)
@@ -33,7 +36,7 @@ def test_every_lane_is_the_single_environment_to_the_last_bit(seed, lanes):
             told = {name: actions[name][lane] for name in single.agents}
             if not told:  # this lane has begun again
                 single.scenario = env.scenarios[infos["robot_0"]["scenario"][lane]]
-                singles[lane] = CrowdEnv(single.scenario)
+                singles[lane] = CrowdEnv(single.scenario, obstacle_map=MAP)
                 expected = singles[lane].reset(seed=int(infos["robot_0"]["seed"][lane]))[0]
                 same_lane(seen, lane, expected)
                 continue

@@ -5,11 +5,13 @@ import os
 
 import numpy as np
 import pytest
+from map_scenarios import HALL, hall
 
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import window as windows
+from crowdbench.simulation.canvas import SUPERSAMPLING, View
 from crowdbench.simulation.env import CrowdEnv
-from crowdbench.simulation.rendering import NONREACTIVE, REACTIVE, ROBOTS, Renderer
+from crowdbench.simulation.rendering import NONREACTIVE, OBSTACLE, REACTIVE, ROBOTS, Renderer
 
 OPEN = Scenario(name="open", arena={"length": 10, "width": 10})
 CORRIDOR = Scenario(name="hall", arena={"kind": "corridor", "length": 12, "width": 4})
@@ -28,19 +30,23 @@ def make_state(**changes):
         "pedestrian_position": np.zeros((0, 2)),
         "pedestrian_velocity": np.zeros((0, 2)),
         "pedestrian_goal": np.zeros((0, 2)),
+        "pedestrian_radius": np.zeros(0),
         "pedestrian_reactive": np.zeros(0, bool),
+        "pedestrian_attentive": np.zeros(0, bool),
         "obstacles": np.zeros((0, 3)),
         "walls": np.zeros((0, 4)),
     }
     return state | {key: np.asarray(value) for key, value in changes.items()}
 
 
-def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True):
+def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, attentive=True):
     return {
         "pedestrian_position": np.array([position]),
         "pedestrian_velocity": np.array([velocity]),
         "pedestrian_goal": np.array([goal]),
+        "pedestrian_radius": np.full(1, 0.25),
         "pedestrian_reactive": np.array([reactive]),
+        "pedestrian_attentive": np.array([attentive]),
     }
 
 
@@ -90,6 +96,8 @@ def test_the_same_state_gives_the_same_picture():
 def test_people_who_see_the_robot_are_discs_and_others_rings(position):
     seeing = paint(make_state(**person(position, reactive=True)))
     blind = paint(make_state(**person(position, reactive=False)))
+    away = paint(make_state(**person(position, attentive=False)))
+    np.testing.assert_array_equal(away, blind)
     rim = (position[0] + 0.2, position[1])
     assert near(pixel(seeing, *position), REACTIVE)
     assert near(pixel(seeing, *rim), REACTIVE)
@@ -237,3 +245,32 @@ def test_the_frame_rate_is_that_of_the_simulation(period, fps):
     env = CrowdEnv(Scenario(name="s", control_period=period))
     assert env.metadata["render_fps"] == pytest.approx(fps)
     assert isinstance(env.metadata["render_fps"], type(fps))
+
+
+def test_what_is_solid_on_a_map_is_filled():
+    env = CrowdEnv(hall(pedestrians__count=0), render_mode="rgb_array")
+    env.reset(seed=0)
+    picture, view = env.render(), View(20, 12)
+    for place, color in (([-5, 3], OBSTACLE), ([5, -3], OBSTACLE), ([1, 3], WHITE)):
+        x, y = np.floor(view.pixels(np.array(place) + 0.1) / SUPERSAMPLING).astype(int)
+        np.testing.assert_allclose(picture[y, x].astype(int), color, atol=4)
+
+
+def test_a_map_looks_the_same_wherever_its_coordinates_begin():
+    def moved(points):
+        flat = np.array(points, dtype=float).reshape(-1, 2) + [3.0, 2.0]
+        return flat.reshape(np.shape(points)).tolist()
+
+    regions = {name: moved(region) for name, region in HALL["arena.regions"].items()}
+    changes = {
+        "arena__centre": [3, 2],
+        "arena__walls": moved(HALL["arena.walls"]),
+        "arena__polygons": moved(HALL["arena.polygons"]),
+        "arena__regions": regions,
+    }
+    pictures = []
+    for scenario in (hall(pedestrians__count=0), hall(pedestrians__count=0, **changes)):
+        env = CrowdEnv(scenario, render_mode="rgb_array")
+        env.reset(seed=0)
+        pictures.append(env.render().astype(int))
+    assert np.mean(np.abs(pictures[0] - pictures[1]).max(axis=2) > 8) < 0.01

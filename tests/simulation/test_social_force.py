@@ -11,7 +11,10 @@ RADIUS = 0.25
 STEP = 0.2
 
 
-def solve(position, velocity, preferred, *, robot=None, share=0.5, limit=2.0, step=STEP, **static):
+def solve(
+    position, velocity, preferred, *, robot=None, share=0.5, limit=2.0, step=STEP, radius=RADIUS,
+    **static,
+):  # fmt: skip
     position, velocity, preferred = (
         np.atleast_2d(a).astype(float) for a in (position, velocity, preferred)
     )
@@ -23,7 +26,7 @@ def solve(position, velocity, preferred, *, robot=None, share=0.5, limit=2.0, st
         velocity,
         preferred,
         np.full(len(position), limit),
-        RADIUS,
+        np.broadcast_to(radius, len(position)).copy(),
         np.ones((len(position), len(robots)), bool),
         robots,
         moving,
@@ -55,6 +58,16 @@ def test_one_neighbour_by_hand():
     force = -4.5 * np.exp(-distance / 0.35) * np.array([1.2, 0.8]) / distance
     np.testing.assert_allclose(out[0], force, rtol=1e-12)
     np.testing.assert_allclose(out[1], -force, rtol=1e-12)
+
+
+def test_a_larger_neighbour_is_nearer_by_what_its_radius_exceeds_ones_own():
+    """The parameters hold for people of one size: the gap between surfaces decides."""
+    place, still = [[0, 0], [1.2, 0.8]], np.zeros((2, 2))
+    out = solve(place, still, still, step=1.0, limit=9.0, radius=[0.2, 0.35])
+    distance = np.hypot(1.2, 0.8)
+    for p, larger in ((0, 0.15), (1, -0.15)):
+        force = 4.5 * np.exp(-(distance - larger) / 0.35)
+        assert np.linalg.norm(out[p]) == pytest.approx(force)
 
 
 def test_a_neighbour_to_the_side_by_hand():

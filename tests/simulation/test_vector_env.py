@@ -6,6 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from map_scenarios import ROOMS
 
 import crowdbench
 from crowdbench import CrowdNavEnv, Scenario, ScenarioError, load_scenario, vector_env
@@ -20,7 +21,8 @@ CORRIDOR = Scenario(
 )  # fmt: skip
 NOBODY = Scenario(name="nobody", time_limit=2, pedestrians={"count": 0})
 STRAIGHT = OPEN.override({"pedestrians.model": "straight", "substeps": 2})
-ALL = [OPEN, CORRIDOR, NOBODY, STRAIGHT]
+MAP = OPEN.override(ROOMS)
+ALL = [OPEN, CORRIDOR, NOBODY, STRAIGHT, MAP]
 
 
 def same(first, second):
@@ -44,15 +46,16 @@ def of_lane(batch, lane):
     changes=st.sampled_from(
         [{}, {"robots.drive": "omnidirectional"}, {"robots.acceleration": [1.0, 2.0]}]
     ),
+    obstacle_map=st.sampled_from([None, crowdbench.MapGeometry(16, 6.0, 4.0)]),
 )
-def test_every_lane_is_the_single_environment_to_the_last_bit(seed, lanes, changes):
+def test_every_lane_is_the_single_environment_to_the_last_bit(seed, lanes, changes, obstacle_map):
     """Observations, rewards, flags, infos and states, over ends and the episodes after them."""
     scenarios = [scenario.override(changes) for scenario in ALL]
     rng = np.random.default_rng(seed)
     chosen = rng.integers(len(ALL), size=lanes)
-    env = vector_env(scenarios, lanes, autoreset_mode="Disabled")
+    env = vector_env(scenarios, lanes, autoreset_mode="Disabled", obstacle_map=obstacle_map)
     seen, infos = env.reset(seed=seed, options={"scenario": chosen})
-    singles = [CrowdNavEnv(scenarios[k]) for k in chosen]
+    singles = [CrowdNavEnv(scenarios[k], obstacle_map=obstacle_map) for k in chosen]
     for lane, single in enumerate(singles):
         same(of_lane(seen, lane), single.reset(seed=seed + lane)[0])
     np.testing.assert_array_equal(infos["seed"], seed + np.arange(lanes))
@@ -134,6 +137,34 @@ def test_what_was_returned_is_not_written_to_later():
     np.testing.assert_array_equal(first["goal"], before["goal"])
 
 
+def test_the_obstacle_map_is_where_four_beams_meet_the_walls_of_a_corridor():
+    empty = {"pedestrians.count": 0, "obstacles.count": 0, "lidar.beams": 4, "time_limit": 1}
+    plain = empty | {"lidar.noise": 0.0, "lidar.dropout": 0.0}
+    geometry = crowdbench.MapGeometry(cells=16, size=8.0, ahead=4.0)  # the robot is in its middle
+    env = vector_env(CORRIDOR, 2, obstacle_map=geometry, **plain)
+    seen, _ = env.reset(seed=3)
+    expected = np.zeros((2, 16, 16), np.uint8)
+    for lane in range(2):
+        _, y, heading = env.state(lane)["robot_pose"][0]
+        for beam in range(4):
+            angle = beam * np.pi / 2
+            across = np.sin(heading + angle)
+            distance = (2.0 - np.sign(across) * y) / abs(across)  # walls at y = -2 m and 2 m
+            if distance < 6.0:
+                place = np.array([np.cos(angle), np.sin(angle)]) * distance
+                i, j = np.floor((place + 4.0) / 0.5).astype(int)
+                if min(i, j) >= 0 and max(i, j) < 16:
+                    expected[lane, i, j] = 1
+    assert expected.any(axis=(1, 2)).all()
+    np.testing.assert_array_equal(seen["map"], expected)
+    assert env.observation_space.contains(seen)
+    for step in range(1, 6):
+        seen = env.step(np.zeros((2, 2)))[0]
+        np.testing.assert_array_equal(seen["map"], expected * (2 ** (step + 1) - 1))
+    again = env.step(np.zeros((2, 2)))[0]["map"]
+    assert set(np.unique(again)) == {0, 1}, "the next episode has seen one scan"
+
+
 def test_scenarios_are_drawn_by_weights_that_can_change():
     env = vector_env([OPEN, NOBODY], 40, weights=[3, 1])
     np.testing.assert_allclose(env.weights, [0.75, 0.25])
@@ -180,7 +211,10 @@ def test_lanes_that_are_over_stay_as_they_are_until_reset():
         ({"scenario": []}, "scenario: an empty list"),
         ({"scenario": "nowhere"}, "nowhere"),
         ({"scenario": [OPEN, OPEN.override({"robots.speed": [0, 2]})]}, r"robots\.speed.*\(0.*2"),
-        ({"scenario": [OPEN, OPEN.override({"lidar.beams": 9})]}, r"lidar\.beams: 9, but 180"),
+        (
+            {"scenario": [OPEN, OPEN.override({"lidar.beams": 9})]},
+            r"scenario 1 \('open'\): lidar\.beams: 9, but 180 in scenario 0 \('open'\)",
+        ),
         ({"scenario": OPEN.override({"robots.count": 2})}, r"robots\.count: 2"),
         ({"pedestrians": {"control": "agents"}}, r"pedestrians\.control: 'agents'"),
         ({"weights": [1, 2]}, r"weights: \[1, 2\]; allowed: 1 finite"),
@@ -206,7 +240,7 @@ def test_bad_actions_seeds_and_options_are_named_and_change_nothing():
     before, first = env.state(1), env.state(0)
     bad = np.zeros((3, 2))
     bad[1, 0] = np.inf
-    with pytest.raises(ValueError, match="action of lane 1: expected finite"):
+    with pytest.raises(ValueError, match="action in lane 1: expected finite"):
         env.step(bad)
     with pytest.raises(ValueError, match=r"expected shape \(3, 2\), got \(2, 2\)"):
         env.step(np.zeros((2, 2)))

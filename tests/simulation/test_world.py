@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from bodies import turn
+from bodies import footprint, turn
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely.affinity import rotate, translate
-from shapely.geometry import Point, box
+from shapely.geometry import Point
 
 from crowdbench import Scenario
 from crowdbench.simulation import streams
@@ -16,11 +15,6 @@ from crowdbench.simulation.world import World
 
 ALONE = Scenario(name="alone", pedestrians={"count": 0})
 CROWD = Scenario(name="crowd", pedestrians={"count": 8, "goals": "multimodal"})
-
-
-def footprint(pose):
-    turned = rotate(box(-0.2, -0.15, 0.2, 0.15), pose[2], origin=(0, 0), use_radians=True)
-    return translate(turned, pose[0], pose[1])
 
 
 @given(v=st.floats(0, 1), w=st.floats(-1.5, 1.5), steps=st.integers(1, 10))
@@ -125,6 +119,32 @@ def test_a_pedestrians_draws_do_not_depend_on_the_robot():
     assert same_start.mean() > 0.8
     np.testing.assert_array_equal(first[same_start], second[same_start])
     assert len(touched.pedestrians.goal) == 8
+
+
+@pytest.mark.parametrize("goals", ["unimodal", "multimodal"])
+def test_legs_from_the_last_goal_lead_to_the_same_goals_whatever_is_in_the_way(goals):
+    """Places that legs end in: the goal, or the one after a change of mind."""
+    scenario = CROWD.override(
+        {"pedestrians.goals": goals, "pedestrians.leg": 4.0, "pedestrians.speed": [1.8, 2.0]}
+    )
+
+    def differing(leg_from):
+        chosen = scenario.override({"pedestrians.leg_from": leg_from})
+        ends = [[], []]
+        for found, speed in zip(ends, (0.0, 0.4), strict=True):
+            world = World(chosen, 11)
+            found += [[] for _ in world.pedestrians.speed]
+            for _ in range(300):
+                for p, end in enumerate(world.pedestrians.next_goal.tolist()):
+                    if end not in found[p][-1:]:
+                        found[p].append(end)
+                world.step(np.array([[speed, 0.3]]))
+        assert sum(map(len, ends[0])) > 50
+        pairs = [zip(*both, strict=False) for both in zip(*ends, strict=True)]
+        return sum(one != other for pair in pairs for one, other in pair)
+
+    assert differing("position") > 0
+    assert differing("goal") == 0
 
 
 def test_adding_a_pedestrian_leaves_the_others_draws_alone():

@@ -97,7 +97,16 @@ def test_who_sees_the_robot_is_drawn_again_as_it_was(whole, tmp_path, share):
     recording = recording_of(whole)
     (file,), _ = write_replays(recording, tmp_path)
     (stored,) = read(tmp_path / file)[1]
-    assert stored["reactive"] == env.state()["pedestrian_reactive"].tolist()
+    reactive = env.state()["pedestrian_reactive"].tolist()
+    assert stored["sees"] == [[[0, sees]] for sees in reactive]
+
+
+def test_who_looks_away_does_not_see_the_robot_meanwhile(episode):
+    away = np.ones_like(episode.pedestrian_attentive)
+    away[1:3, 0] = False
+    first, *others = encode(dataclasses.replace(episode, pedestrian_attentive=away))["sees"]
+    assert first == [[0, 1], [1, 0], [3, 1]]
+    assert others == [[[0, 1]]] * len(others)
 
 
 def test_of_a_scenario_that_is_not_known_any_more_nothing_can_be_seen(whole):

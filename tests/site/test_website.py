@@ -136,6 +136,11 @@ def test_a_scenario_that_has_changed_since_is_kept_apart(episodes, tmp_path):
         ("multimodal_fast_nonreactive", {}, "open, nonreactive"),
         ("multimodal_fast", {"pedestrians.reactive": 0.5}, "open, mixed"),
         ("corridor_dense", {}, "corridor"),
+        (
+            "corridor_dense",
+            {"arena.kind": "map", "robots.start": [-5, 0], "robots.goal": [5, 0]},
+            "map",
+        ),
     ],
 )
 def test_families(name, changes, expected):
@@ -192,4 +197,5 @@ def test_a_page_of_replays_begins_with_the_first(whole, tmp_path):
     (cell,) = document["cells"]
     assert document["start"] == replay_link(cell["scenario"], "straight_line", 900001)
     assert document["metrics"] == []
-    assert document["scenarios"][0]["lidar"] == {"beams": 180, "degrees": 360.0, "range": 6.0}
+    lidar = {"beams": 180, "degrees": 360.0, "range": 6.0, "mount": [0.0, 0.0, 0.0]}
+    assert document["scenarios"][0]["lidar"] == lidar

@@ -99,7 +99,8 @@
         goal: holding(episode.goals[p], state).slice(1),
         intent: episode.intents[intent],
         switchTime,
-        sees: episode.reactive[p],
+        sees: Boolean(holding(episode.sees[p], state)[1]),
+        radius: episode.radii[p],
       });
     }
     const others = [];
@@ -117,4 +118,7 @@
       people,
     };
   };
+
+  // Recorded people come and go; those who are not there have no position.
+  crowdbench.isThere = (person) => Number.isFinite(person.position[0]);
 })(window.crowdbench);

@@ -17,7 +17,13 @@
     return hit >= 0 && share >= -1e-12 && share <= 1 + 1e-12 ? hit : Infinity;
   }
 
-  // Directions of the beams from the heading [rad]: a full circle from ahead, else right to left.
+  // Where a LiDAR is, and its heading [rad], on a robot at a pose.
+  crowdbench.sensor = function ([x, y, heading], { mount: [ahead, left, turn] }) {
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    return [x + c * ahead - s * left, y + s * ahead + c * left, heading + turn];
+  };
+
+  // Directions of the beams from the LiDAR's heading [rad]: a full circle from ahead, else right to left.
   crowdbench.beams = function ({ beams, degrees }) {
     const view = (degrees * Math.PI) / 180;
     return Array.from({ length: beams }, (_, i) => {
@@ -28,9 +34,10 @@
 
   // Distances [m] along the beams in a frame of an episode.
   crowdbench.scan = function (episode, frame, lidar) {
-    const [x, y, heading] = frame.robot;
+    const [x, y, heading] = crowdbench.sensor(frame.robot, lidar);
     const circles = [
-      ...frame.people.map(({ position: [px, py] }) => [px - x, py - y, episode.radius]),
+      ...frame.people.filter(crowdbench.isThere)
+        .map(({ position: [px, py], radius }) => [px - x, py - y, radius]),
       ...episode.obstacles.map(([ox, oy, radius]) => [ox - x, oy - y, radius]),
     ];
     const edges = frame.others.flatMap((pose) => {

@@ -22,7 +22,7 @@
     const bound = (offset) => {
       let most = Math.abs(episode.goal[offset]);
       for (let i = offset; i < episode.position.length; i += 2) {
-        most = Math.max(most, Math.abs(episode.position[i]));
+        most = Math.max(most, Math.abs(episode.position[i]) || 0); // NaN where nobody is
       }
       for (let i = offset; i < episode.pose.length; i += 3) {
         most = Math.max(most, Math.abs(episode.pose[i]));
@@ -38,6 +38,8 @@
       this.episode = episode;
       this.lidar = (scenario && scenario.lidar) || null;
       this.half = extent(episode, scenario);
+      this.centre = (scenario && scenario.centre) || [0, 0];
+      this.solids = (scenario && scenario.solids) || [];
       canvas.style.aspectRatio = `${this.half[0]} / ${this.half[1]}`;
       this.frame = null; // as drawn last
     }
@@ -45,7 +47,8 @@
     // Canvas pixels of a place [m].
     project(x, y) {
       const { width, height } = this.canvas;
-      return [width / 2 + x * this.scale, height / 2 - y * this.scale];
+      const [cx, cy] = this.centre;
+      return [width / 2 + (x - cx) * this.scale, height / 2 - (y - cy) * this.scale];
     }
 
     draw(time, shown) {
@@ -62,19 +65,21 @@
       this.theme = colours();
       const frame = crowdbench.frame(episode, time);
       this.frame = frame;
+      const people = frame.people.filter(crowdbench.isThere);
       this.floor();
-      if (shown.goals) for (const person of frame.people) this.goalOf(person);
+      if (shown.goals) for (const person of people) this.goalOf(person);
       if (shown.trails) this.trails(frame);
       this.scan = shown.lidar && this.lidar ? crowdbench.scan(episode, frame, this.lidar) : null;
       if (this.scan) this.fan(frame);
+      for (const corners of this.solids) this.polygon(corners, this.theme.solid);
       for (const [x, y, radius] of episode.obstacles) this.disc(x, y, radius, this.theme.solid);
       for (const [x1, y1, x2, y2] of episode.walls) this.line([[x1, y1], [x2, y2]], 0.08, this.theme.solid);
       this.robotGoal();
-      for (const person of frame.people) this.person(person);
+      for (const person of people) this.person(person);
       if (this.scan) this.hits(frame);
       frame.others.forEach((pose, i) => this.robot(pose, OTHERS[i % OTHERS.length]));
       this.robot(frame.robot, GREEN);
-      if (shown.intents) for (const person of frame.people) this.intent(person, frame.time);
+      if (shown.intents) for (const person of people) this.intent(person, frame.time);
       this.events(frame, shown);
     }
 
@@ -82,11 +87,13 @@
       const { context, canvas, theme } = this;
       context.fillStyle = theme.floor;
       context.fillRect(0, 0, canvas.width, canvas.height);
-      for (let x = -Math.floor(this.half[0]); x <= this.half[0]; x++) {
-        this.line([[x, -this.half[1]], [x, this.half[1]]], 1 / this.scale, theme.grid);
+      const [left, low] = this.centre.map((at, i) => at - this.half[i]);
+      const [right, high] = this.centre.map((at, i) => at + this.half[i]);
+      for (let x = Math.ceil(left); x <= right; x++) {
+        this.line([[x, low], [x, high]], 1 / this.scale, theme.grid);
       }
-      for (let y = -Math.floor(this.half[1]); y <= this.half[1]; y++) {
-        this.line([[-this.half[0], y], [this.half[0], y]], 1 / this.scale, theme.grid);
+      for (let y = Math.ceil(low); y <= high; y++) {
+        this.line([[left, y], [right, y]], 1 / this.scale, theme.grid);
       }
     }
 
@@ -131,7 +138,7 @@
     }
 
     ends(frame) {
-      const [x, y, heading] = frame.robot;
+      const [x, y, heading] = crowdbench.sensor(frame.robot, this.lidar);
       return crowdbench.beams(this.lidar).map((angle, i) => [
         x + this.scan[i] * Math.cos(heading + angle), y + this.scan[i] * Math.sin(heading + angle)]);
     }
@@ -139,7 +146,7 @@
     fan(frame) {
       const ends = this.ends(frame);
       this.context.globalAlpha = 0.14;
-      this.polygon(this.lidar.degrees >= 360 ? ends : [frame.robot, ...ends], GREEN);
+      this.polygon(this.lidar.degrees >= 360 ? ends : [crowdbench.sensor(frame.robot, this.lidar), ...ends], GREEN);
       this.context.globalAlpha = 1;
     }
 
@@ -163,7 +170,7 @@
 
     person(person) {
       const [x, y] = person.position;
-      const { radius } = this.episode;
+      const { radius } = person;
       const colour = this.colourOf(person);
       const ring = person.sees === false;
       this.disc(x, y, radius, colour);
@@ -190,10 +197,10 @@
     intent(person, time) {
       if (person.intent === "keep" || person.switchTime === null || person.switchTime < time) return;
       const [x, y] = person.position;
-      this.ring(x, y, this.episode.radius + 0.1, 0.04, PINK, [0.1, 0.08]);
+      this.ring(x, y, person.radius + 0.1, 0.04, PINK, [0.1, 0.08]);
       const left = (person.switchTime - time).toFixed(1);
       this.text(`${person.intent === "return" ? "turns back" : "new goal"} in ${left} s`,
-        x, y + this.episode.radius + 0.3, PINK);
+        x, y + person.radius + 0.3, PINK);
     }
 
     // Who is concerned by what happens now or happened just before.
@@ -206,11 +213,11 @@
         if (!now || (event.kind === "switch" && !shown.intents)) continue;
         const colour = { cutoff: ORANGE, ttc: SKY, switch: PINK, collision: VERMILION }[event.kind];
         const ended = event.kind === "collision";
-        const [x, y] = event.pedestrian === null
-          ? frame.robot : frame.people[event.pedestrian].position;
         if (!colour || (event.pedestrian === null && !ended)) continue;
-        const radius = episode.radius + (event.kind === "ttc" ? 0.1 : 0.18);
-        this.ring(x, y, radius, ended ? 0.09 : 0.06, colour);
+        const { position: [x, y], radius } = event.pedestrian === null
+          ? { position: frame.robot, radius: Math.hypot(...episode.footprint) / 2 }
+          : frame.people[event.pedestrian];
+        this.ring(x, y, radius + (event.kind === "ttc" ? 0.1 : 0.18), ended ? 0.09 : 0.06, colour);
       }
     }
 

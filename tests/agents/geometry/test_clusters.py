@@ -5,6 +5,7 @@ import pytest
 import shapely
 from crowdbench_agents.geometry.clusters import Tracker
 from crowdbench_agents.geometry.footprint import advance, arc_gap, point_gap, wall_gap
+from crowdbench_agents.geometry.scan import ScanGeometry
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -85,9 +86,7 @@ def test_gaps_of_the_footprint_equal_shapely(seed):
 
 
 def test_an_arc_is_as_free_as_its_nearest_point(world):
-    lidar = world.scan((0, 0, 0), [(1.0, 0.0, 0.25)])
-    c, s = np.cos(world.spec.lidar_angles), np.sin(world.spec.lidar_angles)
-    gap = arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, lidar, c, s, world.spec.lidar_range)
+    lidar = world.scan((0, 0, 0), [(1.0, 0.0, 0.25)]).astype(float)
+    points = ScanGeometry(world.spec).points(lidar)
+    gap = arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, points)
     assert gap == pytest.approx(0.75 - 0.2 - 0.2, abs=1e-6)
-    empty = np.full_like(lidar, world.spec.lidar_range)
-    assert arc_gap(0.5, 0.0, 0.4, 4, 0.2, 0.15, empty, c, s, world.spec.lidar_range) == np.inf

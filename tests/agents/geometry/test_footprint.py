@@ -29,12 +29,10 @@ def pose_on_line(ahead, left, time):
 @given(first=st.floats(-1, 1), second=st.floats(-1, 1), seed=st.integers(0, 2**32 - 1))
 def test_the_gap_is_the_least_over_the_checked_poses(gap, pose, first, second, seed):
     lidar = np.random.default_rng(seed).uniform(0.5, 1.1 * REACH, len(ANGLES)).clip(max=REACH)
-    found = gap(
-        first, second, PERIOD, CHECKS, LENGTH / 2, WIDTH / 2, lidar,
-        np.cos(ANGLES), np.sin(ANGLES), REACH,
-    )  # fmt: skip
     hit = lidar < REACH
-    points = shapely.points(lidar[hit] * np.cos(ANGLES[hit]), lidar[hit] * np.sin(ANGLES[hit]))
+    ends = lidar[hit, None] * np.column_stack([np.cos(ANGLES[hit]), np.sin(ANGLES[hit])])
+    found = gap(first, second, PERIOD, CHECKS, LENGTH / 2, WIDTH / 2, ends)
+    points = shapely.points(ends)
     expected = np.inf
     for check in range(1, CHECKS + 1):
         x, y, heading = pose(first, second, PERIOD * check / CHECKS)
@@ -44,7 +42,6 @@ def test_the_gap_is_the_least_over_the_checked_poses(gap, pose, first, second, s
 
 
 @pytest.mark.parametrize("gap", [arc_gap, line_gap])
-def test_where_nothing_is_seen_there_is_no_gap(gap):
-    lidar = np.full(len(ANGLES), REACH)
-    ends = (lidar, np.cos(ANGLES), np.sin(ANGLES), REACH)
-    assert gap(1.0, 0.5, PERIOD, CHECKS, LENGTH / 2, WIDTH / 2, *ends) == np.inf
+def test_where_nothing_is_there_is_no_gap(gap):
+    nothing = np.empty((0, 2))
+    assert gap(1.0, 0.5, PERIOD, CHECKS, LENGTH / 2, WIDTH / 2, nothing) == np.inf

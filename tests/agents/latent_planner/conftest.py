@@ -3,34 +3,18 @@
 import pytest
 import torch
 from crowdbench_agents.learning.batch import Batch
-from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.inputs import Inputs
 
-TINY = {
-    "perception.cells": 16, "model.latent": 32, "model.hidden": 32, "model.dynamics_hidden": 32,
-    "training.environments": 4, "training.planning_environments": 2,
-    "training.labelled_environments": 1,
-    "planner.candidates": 8, "planner.iterations": 1, "planner.elites": 4, "training.batch": 8,
-    "training.replay": 2000, "training.warmup": 60, "training.demonstrations": 0,
-    "training.pretraining": 0, "training.validation_episodes": 1, "planner.horizon": 3,
-    "training.bfloat16": False,
-}  # fmt: skip
-
 
 @pytest.fixture
-def overrides():
+def overrides(small):
     """Configuration fields that make a small one."""
-    return TINY
-
-
-@pytest.fixture
-def tiny():
-    """Makes a small configuration, with changes."""
-
-    def make(**changes):
-        return load_config().override(TINY | changes)
-
-    return make
+    return small | {
+        "model.dynamics_hidden": 32, "training.planning_environments": 2,
+        "training.labelled_environments": 1, "planner.candidates": 8, "planner.iterations": 1,
+        "planner.elites": 4, "planner.horizon": 3, "training.batch": 8,
+        "training.demonstrations": 0, "training.pretraining": 0,
+    }  # fmt: skip
 
 
 @pytest.fixture

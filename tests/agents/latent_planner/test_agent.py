@@ -13,8 +13,7 @@ from crowdbench_agents.latent_planner.agent import LatentPlanner
 from crowdbench_agents.latent_planner.mppi import Plan
 from crowdbench_agents.latent_planner.world_model import FORMAT, WorldModel, load_world_model
 from crowdbench_agents.learning.config import load_config
-from crowdbench_agents.learning.inputs import Inputs
-from crowdbench_agents.learning.perception import ObstacleMap, reflect
+from crowdbench_agents.learning.inputs import Inputs, reflect
 from crowdbench_agents.learning.weights import file_digest, save_weights
 from crowdbench_agents.tdmpc.agent import Tdmpc
 
@@ -121,7 +120,7 @@ def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights, s
     for observation in seen:
         agent.act(observation)
     # The fourth plan is made at step 9: scans of steps 2 to 9 are in the map, planned or not.
-    maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
+    maps = crowdbench.ObstacleMap(ROBOT, config.perception.geometry)
     for observation in seen[2:]:
         drawn = maps.update(observation.lidar, observation.pose)
     last = seen[-1]
@@ -143,7 +142,7 @@ def test_plans_are_made_from_the_stacked_map_and_the_present_velocity(weights, s
 def test_all_eight_scans_are_drawn_where_things_really_are():
     env = crowdbench.parallel_env("corridor_very_dense", **{"pedestrians.count": 0})
     observed, _ = env.reset(seed=900_000)
-    maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range)
+    maps = crowdbench.ObstacleMap(ROBOT)
     geometry, rng = maps.geometry, np.random.default_rng(0)
     for step in range(20):
         seen = observed["robot_0"]
@@ -183,7 +182,7 @@ def test_policy_alone_is_the_worlds_models_policy(weights):
     agent = LatentPlanner(weights=weights, use_mppi=False)
     agent.reset(ROBOT, 0)
     model, config, _ = load_world_model(weights)
-    maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
+    maps = crowdbench.ObstacleMap(ROBOT, config.perception.geometry)
     for seen in observations(3):
         drawn = maps.update(seen.lidar, seen.pose)
         arrays = (drawn, seen.velocity, seen.goal)
@@ -199,7 +198,9 @@ def test_policy_executed_open_loop_goes_through_the_model(weights):
     agent.act(first)
     action = agent.act(second)
     model, config, _ = load_world_model(weights)
-    drawn = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry)
+    drawn = crowdbench.ObstacleMap(
+        ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry
+    )
     arrays = (drawn.update(first.lidar, first.pose), first.velocity, first.goal)
     z = model.encode(Inputs(*(torch.from_numpy(array[None]) for array in arrays)))
     expected = model.act(model.next(z, model.act(z)))[0].numpy()

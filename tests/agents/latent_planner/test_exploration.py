@@ -5,9 +5,8 @@ import pytest
 from crowdbench_agents.latent_planner.exploration import Explorer
 from crowdbench_agents.latent_planner.learner import Learner
 from crowdbench_agents.learning.config import Config
-from crowdbench_agents.learning.inputs import ActionBounds
+from crowdbench_agents.learning.inputs import ActionBounds, Sensed
 from crowdbench_agents.learning.replay import PLANNER
-from crowdbench_agents.learning.vector_env import Sensed
 
 import crowdbench
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 from crowdbench_agents.learning import checkpoints
 from crowdbench_agents.learning.checkpoints import (
+    CHECKPOINT,
     load_checkpoint,
     require_fitting,
     run_folder,
@@ -142,6 +143,19 @@ def test_a_number_that_is_not_finite_is_named(tmp_path, monkeypatch):
 def test_a_checkpoint_of_other_networks_is_refused(tmp_path):
     save_checkpoint(tmp_path, {}, {}, "other-networks")
     assert refusal(tmp_path) == "is of 'other-networks' networks, expected 'some-networks'"
+
+
+def test_a_run_begins_without_the_replay_of_one_that_left_no_checkpoint(tmp_path):
+    left = tmp_path / "replay" / "written.npy"
+    left.parent.mkdir()
+    left.touch()
+    with run_folder(tmp_path, resume=False):
+        assert not left.parent.exists()
+        left.parent.mkdir()
+        left.touch()
+        (tmp_path / CHECKPOINT).touch()
+    with run_folder(tmp_path, resume=True):
+        assert left.is_file()
 
 
 @pytest.mark.parametrize(

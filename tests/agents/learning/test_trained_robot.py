@@ -39,6 +39,11 @@ def spec(changes):
         ({"lidar.beams": 360}, "LiDAR beams 360 (in training 180)"),
         ({"lidar.field_of_view": 270}, "LiDAR field of view 270 deg (in training 360 deg)"),
         ({"lidar.range": 10}, "LiDAR range 10 m (in training 6 m)"),
+        ({"robots.latency": 2}, "latency 2 control periods (in training 0 control periods)"),
+        (
+            {"lidar.mount": (0.1, 0, 0.5)},
+            "LiDAR mount 0.1 m, 0 m, 0.5 rad (in training 0 m, 0 m, 0 rad)",
+        ),
         (
             {"robots.drive": "omnidirectional"},
             "drive omnidirectional (in training differential)",

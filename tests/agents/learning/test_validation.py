@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from crowdbench_agents.learning.perception import MapGeometry
 from crowdbench_agents.learning.validation import validate
 
 import crowdbench
@@ -17,7 +16,7 @@ def test_who_stands_still_neither_arrives_nor_turns():
     def stand(moment):
         return np.tile(np.array([-1.0, 0.0], np.float32), (len(moment.place), 1))
 
-    standing = validate(stand, MapGeometry(16, 6.0, 4.0), 1, ["corridor_sparse"])
+    standing = validate(stand, crowdbench.MapGeometry(16, 6.0, 4.0), 1, ["corridor_sparse"])
     assert standing.success == standing.spl == {"corridor_sparse": 0.0}
     assert standing.smoothness == 0.0
     assert np.isnan(standing.seconds)
@@ -46,7 +45,7 @@ def test_validation_has_the_success_and_spl_of_the_evaluator():
         return waver(np.arctan2(moment.sensed.goal[:, 1], moment.sensed.goal[:, 0]), moment.steps)
 
     names, count = ["corridor_sparse", "unimodal_slow"], 4
-    found = validate(act, MapGeometry(16, 6.0, 4.0), count, names)
+    found = validate(act, crowdbench.MapGeometry(16, 6.0, 4.0), count, names)
     for name in names:
         episodes = [run_episode(name, [Wavering()], seed)[0] for seed in range(900_000, 900_004)]
         for metric, values in (("success", found.success), ("spl", found.spl)):
@@ -58,20 +57,21 @@ def test_validation_has_the_success_and_spl_of_the_evaluator():
 def test_validation_runs_the_wanted_episodes_one_after_another(monkeypatch):
     monkeypatch.setattr("crowdbench_agents.learning.validation.ENVIRONMENTS", 2)
     taken, begun = defaultdict(list), []
-    reset = crowdbench.CrowdEnv.reset
+    reset = crowdbench.CrowdVectorEnv.reset
 
-    def noted(environment, seed=None, options=None):
-        begun.append((environment.scenario.name, seed))
-        return reset(environment, seed=seed, options=options)
+    def noted(env, *, seed, options):
+        for lane in np.flatnonzero(options["reset_mask"]):
+            begun.append((env.scenarios[options["scenario"][lane]].name, seed[lane]))
+        return reset(env, seed=seed, options=options)
 
     def ahead(moment):
         for place, steps in zip(moment.place, moment.steps, strict=True):
             taken[place].append(steps)
         return np.tile(np.array([1.0, 0.0], np.float32), (len(moment.place), 1))
 
-    monkeypatch.setattr(crowdbench.CrowdEnv, "reset", noted)
+    monkeypatch.setattr(crowdbench.CrowdVectorEnv, "reset", noted)
     names = ["corridor_sparse", "unimodal_slow"]
-    validate(ahead, MapGeometry(16, 6.0, 4.0), 2, names, first_seed=900_500)
+    validate(ahead, crowdbench.MapGeometry(16, 6.0, 4.0), 2, names, first_seed=900_500)
     assert sorted(begun) == [(name, seed) for name in names for seed in (900_500, 900_501)]
     assert set(taken) == {0, 1}
     assert sum(steps.count(0) for steps in taken.values()) == 4

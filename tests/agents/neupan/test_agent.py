@@ -28,9 +28,10 @@ def agent_for(spec, **options):
 
 def sense(spec, pose, velocity, goal, walls=(), people=NOBODY):
     lidar = np.empty(len(spec.lidar_angles), dtype=np.float32)
+    discs = np.array([[*person, 0.25] for person in people], float).reshape(-1, 3)
     cast_rays(
-        pose, beam_table(spec.lidar_angles), np.array(people, float).reshape(-1, 2), 0.25,
-        np.empty((0, 3)), np.array(walls, float).reshape(-1, 4), spec.lidar_range, lidar,
+        pose, beam_table(spec.lidar_angles), np.empty((0, 3)), discs,
+        np.array(walls, float).reshape(-1, 4), spec.lidar_range, lidar,
     )  # fmt: skip
     c, s = np.cos(pose[2]), np.sin(pose[2])
     off = np.array(goal) - pose[:2]

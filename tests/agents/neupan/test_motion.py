@@ -13,9 +13,10 @@ NOTHING = np.empty((0, 4))
 
 def scan(pose, bodies=(), walls=NOTHING, radius=0.25, angles=ANGLES):
     out = np.empty(len(angles), dtype=np.float32)
+    discs = np.array([[*body, radius] for body in bodies], float).reshape(-1, 3)
     cast_rays(
-        np.array(pose, dtype=float), beam_table(angles), np.array(bodies, float).reshape(-1, 2),
-        radius, np.empty((0, 3)), np.array(walls, float), RANGE, out,
+        np.array(pose, dtype=float), beam_table(angles), np.empty((0, 3)), discs,
+        np.array(walls, float), RANGE, out,
     )  # fmt: skip
     return out
 

@@ -3,7 +3,6 @@
 import pytest
 import torch
 from crowdbench_agents.learning.batch import Batch
-from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.encoder import Encoder
 from crowdbench_agents.learning.inputs import Inputs
 from gymnasium import spaces
@@ -11,29 +10,15 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch.nn.functional import layer_norm
 
-TINY = {
-    "perception.cells": 16, "model.latent": 32, "model.hidden": 32,
-    "training.environments": 4, "training.planning_environments": 0,
-    "training.labelled_environments": 2, "training.replay": 2000, "training.warmup": 60,
-    "training.expert": "straight_line", "training.demonstrations": 600,
-    "training.pretraining": 10, "training.validation_episodes": 1, "training.bfloat16": False,
-}  # fmt: skip
-
 
 @pytest.fixture
-def overrides():
+def overrides(small):
     """Configuration fields that make a small one."""
-    return TINY
-
-
-@pytest.fixture
-def tiny():
-    """Makes a small configuration, with changes."""
-
-    def make(**changes):
-        return load_config().override(TINY | changes)
-
-    return make
+    return small | {
+        "training.planning_environments": 0, "training.labelled_environments": 2,
+        "training.expert": "straight_line", "training.demonstrations": 600,
+        "training.pretraining": 10,
+    }  # fmt: skip
 
 
 @pytest.fixture

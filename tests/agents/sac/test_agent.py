@@ -11,7 +11,6 @@ from crowdbench_agents.latent_planner.world_model import FORMAT as WORLD_MODEL
 from crowdbench_agents.latent_planner.world_model import WorldModel
 from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.inputs import Inputs
-from crowdbench_agents.learning.perception import ObstacleMap
 from crowdbench_agents.learning.weights import WeightsError, file_digest, save_weights
 from crowdbench_agents.sac.agent import Sac
 from crowdbench_agents.sac.networks import FORMAT, SacActor
@@ -49,7 +48,7 @@ def test_actions_are_the_actors_for_the_stacked_map(actor, weights):
     agent = Sac(weights=weights)
     assert agent.weights_sha256 == file_digest(Path(weights))
     agent.reset(ROBOT, 0)
-    maps = ObstacleMap(ROBOT.lidar_angles, ROBOT.lidar_range, CONFIG.perception.geometry)
+    maps = crowdbench.ObstacleMap(ROBOT, CONFIG.perception.geometry)
     rng = np.random.default_rng(0)
     actions = []
     for _ in range(3):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from crowdbench_agents.learning.inputs import ActionBounds, Inputs
-from crowdbench_agents.learning.vector_env import Sensed
+from crowdbench_agents.learning.inputs import ActionBounds, Inputs, Sensed
 from crowdbench_agents.sac.exploration import Explorer
 from crowdbench_agents.sac.networks import encode, make_policy
 

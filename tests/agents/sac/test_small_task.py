@@ -4,9 +4,9 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from crowdbench_agents.learning.inputs import Inputs
+from crowdbench_agents.learning.inputs import Inputs, Sensed
+from crowdbench_agents.learning.lanes import Outcomes
 from crowdbench_agents.learning.replay import Replay
-from crowdbench_agents.learning.vector_env import Outcomes, Sensed
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import encode
 from gymnasium import spaces

@@ -8,6 +8,7 @@ import pytest
 import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
+from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.run import TrainingRun
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
@@ -16,7 +17,8 @@ from crowdbench_agents.sac.training import KIND, train
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0, [].append)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0)
+    run.demonstrations.record([].append, lambda: False)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
 
@@ -46,7 +48,7 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0, [].append)
+    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0)
     run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
@@ -98,6 +100,29 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     counters = load_checkpoint(folder, FORMAT)["counters"]
     assert counters["updates"] == 1
     assert counters["steps"] < 100
+
+
+def test_a_signal_stops_a_run_that_records_demonstrations_and_it_goes_on_with_them(
+    in_empty_folder, overrides, monkeypatch
+):
+    calls, labels = [], Experts.labels
+
+    def interrupted(experts):
+        calls.append(experts)
+        if len(calls) == 5:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+        return labels(experts)
+
+    monkeypatch.setattr(Experts, "labels", interrupted)
+    folder = train("short", steps=20, overrides=overrides, actors=0)
+    counters = load_checkpoint(folder, FORMAT)["counters"]
+    assert (counters["updates"], counters["steps"], len(calls)) == (0, 0, 5)
+    train("short", steps=20, resume=True, overrides=overrides, actors=0)
+    counters = load_checkpoint(folder, FORMAT)["counters"]
+    assert counters["updates"] == overrides["training.pretraining"]
+    (recorded,) = in_empty_folder.glob("runs/demonstrations-*/written.npy")
+    assert 600 <= np.load(recorded).sum() <= 620
 
 
 def test_a_run_says_its_arithmetic_and_goes_on_in_another(

@@ -285,8 +285,7 @@ def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
         cast_rays(
             episode.robot_pose[state],
             beam_table(lidar_angles(world)),
-            episode.pedestrian_position[state],
-            episode.pedestrian_radius,
+            np.column_stack([episode.pedestrian_position[state], episode.pedestrian_radius]),
             episode.obstacles,
             np.vstack([episode.walls, *others]),
             world.lidar.range,

@@ -1,0 +1,42 @@
+"""Scans as points around the robot, wherever on it the LiDAR is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+import crowdbench
+
+Array = NDArray[np.float64]
+
+NOTHING = 1e-3
+"""A beam that comes this near to the LiDAR's range has hit nothing [m]."""
+
+
+class ScanGeometry:
+    """Where the beams of a robot begin and where they go.
+
+    Attributes:
+        directions: (beams, 2) unit vectors in the robot frame.
+        offset: (2,) where the beams begin in the robot frame [m].
+    """
+
+    def __init__(self, robot: crowdbench.RobotSpec) -> None:
+        """Take the geometry of a robot's LiDAR."""
+        angles = robot.lidar_angles
+        self.directions = np.column_stack([np.cos(angles), np.sin(angles)])
+        self.offset = np.array(robot.lidar_mount[:2])
+        self._range = robot.lidar_range
+
+    def points(self, lidar: Array) -> Array:
+        """(N, 2) where the beams of a scan (beams,) that hit something end, robot frame [m]."""
+        hit = lidar < self._range - NOTHING
+        return lidar[hit, None] * self.directions[hit] + self.offset
+
+    def origin(self, pose: Array) -> Array:
+        """(3,) where the beams of a robot at ``pose`` begin, and the robot's heading."""
+        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+        x, y = self.offset.tolist()
+        return np.array([pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y, pose[2]])

@@ -1,0 +1,112 @@
+"""Lanes of ``crowdbench.vector_env`` whose episodes are chosen one by one, as training needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from crowdbench_agents.geometry.under_way import foresee
+from crowdbench_agents.learning.inputs import ActionBounds, Sensed
+from numpy.typing import NDArray
+
+import crowdbench
+
+
+class Outcomes(NamedTuple):
+    """What one step did in E lanes; nothing where no episode is running.
+
+    Attributes:
+        reward: (E,) without the social term.
+        social: (E,) the social term.
+        end: (E,) arrival or collision.
+        over: (E,) the episode is over, by its end or by the time limit.
+        outcome: (E,) as in the environment's infos.
+    """
+
+    reward: NDArray[np.float32]
+    social: NDArray[np.float32]
+    end: NDArray[np.bool_]
+    over: NDArray[np.bool_]
+    outcome: NDArray[np.object_]
+
+
+class Lanes:
+    """E lanes, each with an episode of its own; none begins by itself.
+
+    Args:
+        count: E.
+        scenarios: names of those that episodes may be in.
+        episodes: yields the (scenario name, seed) of each episode to come.
+        geometry: of the obstacle maps.
+
+    Attributes:
+        env: the vector environment.
+        bounds: of the robot's actions.
+        sensed: what networks see of the latest observations, from where the robots will be when
+            their next actions begin to act.
+        seen: its latest observations, which later steps do not change.
+        scenario: (E,) names of the present episodes' scenarios.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        scenarios: Sequence[str],
+        episodes: Iterator[tuple[str, int]],
+        geometry: crowdbench.MapGeometry,
+    ) -> None:
+        self.env = crowdbench.vector_env(
+            list(scenarios), count, autoreset_mode="Disabled", obstacle_map=geometry
+        )
+        self.bounds = ActionBounds.of(self.env.robot)
+        self.scenario = np.full(count, None, dtype=object)
+        self._under_way = np.zeros((count, self.env.robot.latency, 2))
+        self._episodes, self._places = episodes, {name: i for i, name in enumerate(scenarios)}
+
+    def __len__(self) -> int:
+        """E."""
+        return self.env.num_envs
+
+    def begin(self, which: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Begin the next episode in lanes (N,), all of them at first.
+
+        Returns:
+            Those in which one began, fewer when no episodes are left.
+        """
+        chosen = list(zip(which, self._episodes, strict=False))
+        if not chosen:
+            return which[:0]
+        begun = which[: len(chosen)]
+        mask, places = np.zeros(len(self), bool), np.zeros(len(self), np.int64)
+        seeds: list[int | None] = [None] * len(self)
+        for lane, (name, seed) in chosen:
+            self.scenario[lane], places[lane], seeds[lane] = name, self._places[name], seed
+        mask[begun] = True
+        self.seen, _ = self.env.reset(seed=seeds, options={"reset_mask": mask, "scenario": places})
+        self._under_way[begun] = 0.0
+        self.sensed = self._sense()
+        return begun
+
+    def step(self, actions: NDArray[np.floating]) -> Outcomes:
+        """Act in every lane with v [m/s], w [rad/s] (E, 2)."""
+        self.seen, total, end, late, infos = self.env.step(actions)
+        told = np.clip(actions, *np.array([self.env.robot.speed, self.env.robot.turn_rate]).T)
+        self._under_way = np.concatenate([self._under_way, told[:, None]], axis=1)[:, 1:]
+        self.sensed = self._sense()
+        social = infos["reward_terms"]["social"].astype(np.float32)
+        reward = total.astype(np.float32) - social
+        return Outcomes(reward, social, end, end | late, infos["outcome"])
+
+    def _sense(self) -> Sensed:
+        velocity, goal = self.seen["velocity"], self.seen["goal"]
+        if self.env.robot.latency:
+            velocity, goal = foresee(
+                self.env.robot, self.seen["pose"], velocity, goal, self._under_way
+            )[1:]
+        return Sensed(self.seen["map"], velocity, goal)
+
+    def observation(self, lane: int) -> crowdbench.Observation:
+        """What an agent sees in a lane, with the true state for a privileged one."""
+        seen = {name: self.seen[name][lane] for name in ("lidar", "velocity", "goal", "pose")}
+        return crowdbench.Observation(**seen, state=self.env.state(lane))

@@ -1,0 +1,75 @@
+"""Whether people fit together: who queues or stands, and whether there is room for it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from crowdbench.scenario.model import Scenario
+
+_ROUNDING = 1e-9
+
+
+def misfit(scenario: Scenario) -> str:
+    """Which field does not fit the others, with what is allowed; empty where all do."""
+    return _too_many(scenario) or _queues_without_room(scenario)
+
+
+def _too_many(scenario: Scenario) -> str:
+    people = scenario.pedestrians
+    queueing = sum(queue.count + 1 for queue in people.queues)
+    if queueing > people.count:
+        return (
+            f"pedestrians.queues: take {queueing} people, one more than stand in each; "
+            f"allowed: {people.count} (pedestrians.count)"
+        )
+    standing = round(people.standing * people.count)
+    if queueing + standing > people.count:
+        return (
+            f"pedestrians.standing: {standing} of pedestrians.count {people.count} people, beside "
+            f"{queueing} of queues; allowed: a share of "
+            f"{(people.count - queueing) / people.count:g} at most"
+        )
+    return ""
+
+
+def _queues_without_room(scenario: Scenario) -> str:
+    arena, people = scenario.arena, scenario.pedestrians
+    radius, taken = people.radii[1], list[tuple[float, float]]()
+    x_min, y_min, x_max, y_max = arena.bounds
+    for q, queue in enumerate(people.queues):
+        if queue.spacing < 2 * radius - _ROUNDING:
+            return (
+                f"pedestrians.queues: spacing {queue.spacing:g} m of queue {q + 1} is too little "
+                f"for pedestrians.radius {radius:g} m; allowed: >= {2 * radius:g}"
+            )
+        for k, (x, y) in enumerate(queue.places()):
+            where = f"pedestrians.queues: place {k + 1} of queue {q + 1}, ({x:.2f}, {y:.2f}), "
+            beyond = max(x_min - x, x - x_max, y_min - y, y - y_max) + radius
+            if beyond > _ROUNDING:
+                return (
+                    f"{where}lies outside the arena; allowed: x from {x_min + radius:g} to "
+                    f"{x_max - radius:g}, y from {y_min + radius:g} to {y_max - radius:g}"
+                )
+            if any(math.dist((x, y), other) < 2 * radius - _ROUNDING for other in taken):
+                return f"{where}is taken by another queue; allowed: {2 * radius:g} m away from it"
+            if (gap := _wall_gap(scenario, x, y)) < radius:
+                return (
+                    f"{where}is {gap:.2f} m from a wall or polygon; allowed: >= {radius:g}, "
+                    "and outside"
+                )
+        taken += queue.places()
+    return ""
+
+
+def _wall_gap(scenario: Scenario, x: float, y: float) -> float:
+    """From a place to the nearest wall or polygon of a map, 0 inside one [m]."""
+    arena = scenario.arena
+    if not (arena.walls or arena.polygons):
+        return math.inf
+    from shapely import LineString, Point, Polygon
+
+    shapes = [LineString([wall[:2], wall[2:]]) for wall in arena.walls]
+    shapes += [Polygon(polygon) for polygon in arena.polygons]
+    return min(float(shape.distance(Point(x, y))) for shape in shapes)

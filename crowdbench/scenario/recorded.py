@@ -1,0 +1,151 @@
+"""Worlds whose people walk as recorded: what the file says goes into the scenario."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.messages import quoted, short
+from crowdbench.people import CrowdRecording, RecordingError, read_recording
+from crowdbench.scenario.digest import later
+from crowdbench.scenario.fields import Positive, Section, Text
+
+if TYPE_CHECKING:
+    from crowdbench.scenario.model import Scenario
+
+AHEAD = 10.0
+"""How far privileged agents see into the recording [s]."""
+MOST = 500
+"""People in one world."""
+_MARGIN = 1.0
+"""Of the arena around everybody's ways, and around a robot's start and goal [m]."""
+
+
+class Recording(Section):
+    """The file that people walk by."""
+
+    file: Text = later(
+        "", "0.2", aside=True, description="its path, from the scenario's file on; docs/people.md"
+    )
+    unit: Literal["m", "cm", "mm"] | None = later(
+        None, "0.2", description="of its positions, where it does not say"
+    )
+    fps: Positive | None = later(
+        None, "0.2", le=10_000, description="frames a second, where it does not say"
+    )
+    route: Literal["across", "along"] = later(
+        "across",
+        "0.2",
+        description="how the robot goes: across the main direction of the people, or along it",
+    )
+    sha256: Text = later(
+        "", "0.2", description="of the file; filled in, and compared where it is given"
+    )
+
+
+def completed(scenario: Scenario) -> dict[str, Any]:
+    """What a recording says about sections of a scenario: who walks, and how large it all is.
+
+    Returns:
+        Fields of each section; empty where nobody walks as recorded.
+
+    Raises:
+        ValueError: the recording cannot be used, or not with the rest of the scenario.
+    """
+    people, arena, robots = scenario.pedestrians, scenario.arena, scenario.robots
+    if people.model != "recorded":
+        if people.recording.file:
+            raise ValueError(
+                f"pedestrians.recording.file: {short(people.recording.file)}; allowed: none, or "
+                "pedestrians.model 'recorded'"
+            )
+        return {}
+    if not people.recording.file:
+        raise ValueError("pedestrians.recording: missing; allowed: the path of a recording")
+    if people.control != "scripted":
+        raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
+    for field in ("acceleration", "stops", "standing", "queues"):
+        if getattr(people, field) != type(people).model_fields[field].default:
+            raise ValueError(
+                f"pedestrians.{field}: allowed with pedestrians.model 'recorded': its default"
+            )
+    if arena.kind != "open":
+        raise ValueError(f"arena.kind: {arena.kind!r}; allowed for recorded people: open")
+    if scenario.obstacles.count:
+        raise ValueError("obstacles.count: allowed with pedestrians.model 'recorded': 0")
+    recording, digest = load(people.recording)
+    count = most_tracks(recording, scenario.time_limit + AHEAD)
+    if count > MOST:
+        raise ValueError(
+            f"pedestrians.recording: {count} people within time_limit {scenario.time_limit:g} s; "
+            f"allowed: {MOST}, with a shorter one"
+        )
+    low, high = _bounds(recording)
+    span = max(robots.travel, 2 * robots.length) + 2 * _MARGIN
+    length, width = (float(max(side + 2 * _MARGIN, span)) for side in high - low)
+    return {
+        "pedestrians": {
+            "count": count,
+            "recording": people.recording.model_copy(
+                update={"sha256": digest, "file": str(Path(people.recording.file).absolute())}
+            ),
+        },
+        "arena": {"length": round(length, 3), "width": round(width, 3)},
+    }
+
+
+def load(settings: Recording) -> tuple[CrowdRecording, str]:
+    """The recording that a scenario names, read once, and the hash of its file.
+
+    Raises:
+        ValueError: it cannot be read, or is another one than when its hash was noted.
+    """
+    path = Path(settings.file)
+    try:
+        stamp = path.stat()
+        found = _read(path, settings.unit, settings.fps, stamp.st_mtime_ns, stamp.st_size)
+    except OSError as error:
+        raise ValueError(f"pedestrians.recording: {quoted(str(path))}: {error.strerror}") from error
+    except RecordingError as error:
+        raise ValueError(f"pedestrians.recording: {error}") from error
+    if settings.sha256 not in ("", found[1]):
+        raise ValueError(
+            f"pedestrians.recording: {quoted(str(path))} is another file than the one noted: its "
+            f"hash is {found[1][:12]}..., expected {settings.sha256[:12]}..."
+        )
+    return found
+
+
+def origin(recording: CrowdRecording) -> NDArray[np.float64]:
+    """(2,) the point of a recording that is the world's origin: the centre of all of it [m]."""
+    low, high = _bounds(recording)
+    return (low + high) / 2
+
+
+def _bounds(recording: CrowdRecording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and largest x and y of people and walls, each (2,) [m]."""
+    places = np.concatenate([np.stack(recording.extent), *recording.walls])
+    return places.min(axis=0), places.max(axis=0)
+
+
+def most_tracks(recording: CrowdRecording, window: float) -> int:
+    """How many tracks overlap any window of this length at most [s]."""
+    # Most are there when one has just begun at the window's end.
+    moments = np.maximum(recording.begins - window, 0.0)
+    begun = np.searchsorted(np.sort(recording.begins), moments + window, side="right")
+    gone = np.searchsorted(np.sort(recording.ends), moments, side="left")
+    return int((begun - gone).max())
+
+
+@lru_cache(maxsize=8)
+def _read(
+    path: Path, unit: str | None, fps: float | None, _time: int, _size: int
+) -> tuple[CrowdRecording, str]:
+    recording = read_recording(path, unit, fps)
+    with path.open("rb") as file:
+        return recording, hashlib.file_digest(file, "sha256").hexdigest()

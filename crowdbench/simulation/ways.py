@@ -1,0 +1,334 @@
+"""Shortest ways of a disc among walls and round obstacles, as way points.
+
+Grown by the disc's radius, every corner of the walls is round. Here it is the polygon around that
+arc, with a way point at each of its corners, so a way is straight from point to point and never
+nearer to a wall than the disc's radius. A shortest way among such polygons turns at their corners
+only: it is found in the graph of those that see each other (Lozano-Perez and Wesley 1979). It is at
+most 5.5 % of the arcs longer than the exact one (``crowdbench.evaluation.shortest_path``).
+
+Nothing here is rounded differently by another processor: people follow these ways.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crowdbench.compiled import compiled
+
+Array = NDArray[np.float64]
+
+PART = math.pi / 4
+"""Largest part of an arc that one way point stands for [rad]."""
+_SMALLEST_PART = PART / 8
+"""Where other things are near, parts are halved, but not below this [rad]."""
+_TOLERANCE = 1e-9
+"""Depth at which a way still counts as touching, not entering; ways this alike are equal [m]."""
+_SQUEEZED = 0.1
+"""Share of the clearance that is kept by those who could not move otherwise."""
+
+
+class Ways:
+    """All shortest ways among fixed walls and obstacles.
+
+    Attributes:
+        nodes: (N, 2) way points [m].
+        between: (N, N) lengths of the shortest ways between them, inf where there is none [m].
+        cores: (M, 4) walls, then obstacles as segments of no length [m].
+        reach: (M,) distance to keep from each core [m].
+    """
+
+    def __init__(
+        self,
+        walls: Array,
+        obstacles: Array,
+        clearance: float,
+        bounds: tuple[float, float, float, float] | None = None,
+    ) -> None:
+        """Find the way points and what lies between them.
+
+        Args:
+            walls: (S, 4) segments x1, y1, x2, y2 [m].
+            obstacles: (K, 3) x, y, radius [m].
+            clearance: least distance from walls and from the edges of obstacles [m].
+            bounds: x_min, y_min, x_max, y_max that no way leaves [m].
+        """
+        self.cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
+        self.reach = np.concatenate(
+            [np.full(len(walls), float(clearance)), obstacles[:, 2] + clearance]
+        )
+        self.nodes = _way_points(self.cores, self.reach)
+        if bounds is not None:
+            low, high = np.array(bounds[:2]), np.array(bounds[2:])
+            self.nodes = self.nodes[((self.nodes >= low) & (self.nodes <= high)).all(axis=1)]
+        self.between = np.empty((len(self.nodes), len(self.nodes)))
+        _connect(self.nodes, self.cores, self.reach, self.between)
+
+    def is_free(self, point: Array) -> bool:
+        """Whether the disc fits at a point (2,) [m]."""
+        return bool(_is_free(float(point[0]), float(point[1]), self.cores, self.reach))
+
+    def remaining(self, goal: Array) -> Array:
+        """(N,) length of the way from every way point to a goal (2,); inf: there is none [m]."""
+        lengths = np.empty(len(self.nodes))
+        lengths_to(
+            float(goal[0]),
+            float(goal[1]),
+            self.nodes,
+            self.between,
+            self.cores,
+            self.reach,
+            lengths,
+        )
+        return lengths
+
+    def path(self, start: Array, goal: Array) -> Array:
+        """(N, 2) way points of the shortest way, both ends included [m]; (0, 2): there is none.
+
+        An end that is too near to a wall is left, or reached, without coming nearer to that wall.
+        """
+        remaining = self.remaining(goal)
+        points = [(float(start[0]), float(start[1]))]
+        end = (float(goal[0]), float(goal[1]))
+        while points[-1] != end:
+            x, y, length = next_point(
+                *points[-1], *end, remaining, self.nodes, self.cores, self.reach
+            )
+            if length == math.inf or len(points) > len(self.nodes) + 1:
+                return np.empty((0, 2))
+            points.append((x, y))
+        return np.array(points)
+
+    def length(self, start: Array, goal: Array) -> float:
+        """Length of the shortest way [m]; inf: there is none."""
+        end = (float(goal[0]), float(goal[1]))
+        found = next_point(
+            float(start[0]),
+            float(start[1]),
+            *end,
+            self.remaining(goal),
+            self.nodes,
+            self.cores,
+            self.reach,
+        )
+        return float(found[2])
+
+
+def _way_points(cores: Array, reach: Array) -> Array:
+    """(N, 2) corners of the polygons around what is round of the grown cores, where one can be.
+
+    Where segments end in one point, at most one arc is left between them: opposite to them, if they
+    leave more than half a turn.
+    """
+    ends: dict[tuple[float, float], list[int]] = {}
+    for i, (x1, y1, x2, y2) in enumerate(cores.tolist()):
+        for end in {(x1, y1), (x2, y2)}:
+            ends.setdefault(end, []).append(i)
+    found: set[tuple[float, float]] = set()
+    for end, incident in ends.items():
+        # Segments of no length are circles, whatever else ends in their centre.
+        discs = [i for i in incident if (cores[i, :2] == cores[i, 2:]).all()]
+        segments = [i for i in incident if i not in discs]
+        for i in discs:
+            found |= _corners(end, float(reach[i]), 0.0, 2 * math.pi, cores, reach)
+        if segments:
+            arc = _free_arc(*end, cores[segments])
+            around = _corners(end, float(reach[segments[0]]), *arc, cores, reach)
+            # An end on another wall needs no way around it.
+            others = np.delete(cores, incident, axis=0).tolist()
+            found |= {
+                corner
+                for corner in around
+                if not any(_gap(*end, *corner, *core) < _TOLERANCE for core in others)
+            }
+    return np.array(sorted(found), dtype=np.float64).reshape(-1, 2)
+
+
+def _free_arc(x: float, y: float, segments: Array) -> tuple[float, float]:
+    """Begin and extent of the directions at right angles or more to all segments from a point."""
+    angles = []
+    for x1, y1, x2, y2 in segments.tolist():
+        far = (x2, y2) if (x1, y1) == (x, y) else (x1, y1)
+        angles.append(math.atan2(far[1] - y, far[0] - x))
+    angles.sort()
+    following = [*angles[1:], angles[0] + 2 * math.pi]
+    gap, begin = max((b - a, a) for a, b in zip(angles, following, strict=True))
+    return begin + math.pi / 2, max(0.0, gap - math.pi)
+
+
+def _corners(
+    centre: tuple[float, float],
+    radius: float,
+    begin: float,
+    sweep: float,
+    cores: Array,
+    reach: Array,
+) -> set[tuple[float, float]]:
+    """Corners of the polygon that touches an arc at equal parts, where the disc can be.
+
+    A part whose corner is taken may be free near the arc, so it is halved down to the smallest.
+    """
+    parts = max(1, math.ceil(sweep / PART - _TOLERANCE))
+    part = sweep / parts
+    found = set()
+    for k in range(parts if sweep > _TOLERANCE else 0):
+        angle, distance = begin + (k + 0.5) * part, radius / math.cos(part / 2)
+        x, y = centre[0] + distance * math.cos(angle), centre[1] + distance * math.sin(angle)
+        if _is_free(x, y, cores, reach):
+            found.add((x, y))
+        elif part > _SMALLEST_PART:
+            for half in (begin + k * part, begin + (k + 0.5) * part):
+                found |= _corners(centre, radius, half, part / 2, cores, reach)
+    return found
+
+
+@compiled()
+def _connect(nodes: Array, cores: Array, reach: Array, between: Array) -> None:
+    """Write the lengths of all shortest ways (Floyd 1962) into ``between`` (N, N)."""
+    count = len(nodes)
+    for i in range(count):
+        between[i, i] = 0.0
+        for j in range(i):
+            dx, dy = nodes[i, 0] - nodes[j, 0], nodes[i, 1] - nodes[j, 1]
+            length = math.inf
+            if sees(nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1], cores, reach, 1.0):
+                length = math.sqrt(dx * dx + dy * dy)
+            between[i, j] = between[j, i] = length
+    for k in range(count):
+        for i in range(count):
+            to = between[i, k]
+            if to < math.inf:
+                for j in range(count):
+                    if to + between[k, j] < between[i, j]:
+                        between[i, j] = to + between[k, j]
+
+
+@compiled()
+def lengths_to(
+    x: float,
+    y: float,
+    nodes: Array,
+    between: Array,
+    cores: Array,
+    reach: Array,
+    lengths: Array,
+) -> None:
+    """Write the lengths of the ways from all way points to a goal (x, y) into ``lengths`` (N,)."""
+    count = len(nodes)
+    for i in range(count):
+        lengths[i] = math.inf
+    for k in range(count):
+        if sees(x, y, nodes[k, 0], nodes[k, 1], cores, reach, 1.0):
+            dx, dy = nodes[k, 0] - x, nodes[k, 1] - y
+            last = math.sqrt(dx * dx + dy * dy)
+            for i in range(count):
+                lengths[i] = min(lengths[i], last + between[k, i])
+
+
+@compiled()
+def next_point(x, y, goal_x, goal_y, lengths, nodes, cores, reach):  # type: ignore[no-untyped-def]
+    """Where the shortest way from (x, y) to a goal leads next, and how long all of it is.
+
+    Args:
+        x, y, goal_x, goal_y: [m].
+        lengths: (N,) from the way points to the goal, as ``lengths_to`` writes them [m].
+        nodes, cores, reach: as of ``Ways``.
+
+    Returns:
+        x, y of the next way point or of the goal, and the whole length [m]. Without a way: the
+        goal and inf.
+    """
+    dx, dy = goal_x - x, goal_y - y
+    if sees(x, y, goal_x, goal_y, cores, reach, 1.0):
+        return goal_x, goal_y, math.sqrt(dx * dx + dy * dy)
+    count = len(nodes)
+    values = np.empty(count)
+    share = 1.0
+    for _ in range(2):
+        for k in range(count):
+            dx, dy = nodes[k, 0] - x, nodes[k, 1] - y
+            values[k] = math.sqrt(dx * dx + dy * dy) + lengths[k]
+        while True:
+            best = np.int64(-1)
+            for k in range(count):
+                if values[k] == math.inf:
+                    continue
+                # Of equal ways the one whose next point is farther along: not the place itself.
+                if (
+                    best < 0
+                    or values[k] < values[best] - _TOLERANCE
+                    or (values[k] < values[best] + _TOLERANCE and lengths[k] < lengths[best])
+                ):
+                    best = k
+            if best < 0:
+                break
+            if sees(x, y, nodes[best, 0], nodes[best, 1], cores, reach, share):
+                return nodes[best, 0], nodes[best, 1], values[best]
+            values[best] = math.inf
+        share = _SQUEEZED
+    return goal_x, goal_y, math.inf
+
+
+@compiled()
+def sees(ax, ay, bx, by, cores, reach, share):  # type: ignore[no-untyped-def]
+    """Whether the straight line from a to b keeps ``share`` of the reach from all cores.
+
+    An end that is nearer to a core than that may be left, and reached, as near as it is.
+    """
+    low_x, high_x = min(ax, bx), max(ax, bx)
+    low_y, high_y = min(ay, by), max(ay, by)
+    for i in range(len(cores)):
+        x1, y1, x2, y2 = cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3]
+        keep = reach[i] * share
+        if (
+            max(x1, x2) < low_x - keep
+            or min(x1, x2) > high_x + keep
+            or max(y1, y2) < low_y - keep
+            or min(y1, y2) > high_y + keep
+        ):
+            continue
+        gap = _gap(ax, ay, bx, by, x1, y1, x2, y2)
+        if gap < keep - _TOLERANCE:
+            nearer = min(_distance(ax, ay, x1, y1, x2, y2), _distance(bx, by, x1, y1, x2, y2))
+            if gap < nearer - _TOLERANCE:
+                return False
+    return True
+
+
+@compiled()
+def _is_free(x, y, cores, reach):  # type: ignore[no-untyped-def]
+    """Whether a point keeps its distance from all cores."""
+    for i in range(len(cores)):
+        gap = _distance(x, y, cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3])
+        if gap < reach[i] - _TOLERANCE:
+            return False
+    return True
+
+
+@compiled()
+def _gap(ax, ay, bx, by, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
+    """Distance between two segments."""
+    one = (bx - ax) * (y1 - ay) - (by - ay) * (x1 - ax)
+    two = (bx - ax) * (y2 - ay) - (by - ay) * (x2 - ax)
+    if one * two < 0.0:
+        one = (x2 - x1) * (ay - y1) - (y2 - y1) * (ax - x1)
+        two = (x2 - x1) * (by - y1) - (y2 - y1) * (bx - x1)
+        if one * two < 0.0:
+            return 0.0
+    return min(
+        min(_distance(ax, ay, x1, y1, x2, y2), _distance(bx, by, x1, y1, x2, y2)),
+        min(_distance(x1, y1, ax, ay, bx, by), _distance(x2, y2, ax, ay, bx, by)),
+    )
+
+
+@compiled()
+def _distance(x, y, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
+    """Distance of a point from a segment."""
+    ex, ey = x2 - x1, y2 - y1
+    square = ex * ex + ey * ey
+    t = ((x - x1) * ex + (y - y1) * ey) / square if square > 0.0 else 0.0
+    t = min(1.0, max(0.0, t))
+    dx, dy = x1 + t * ex - x, y1 + t * ey - y
+    return math.sqrt(dx * dx + dy * dy)

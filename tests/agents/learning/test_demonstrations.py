@@ -1,0 +1,57 @@
+"""Demonstrations: recorded once, however many runs want them."""
+
+import threading
+
+import crowdbench_agents.learning.demonstrations as module
+import numpy as np
+from crowdbench_agents.learning.demonstrations import LANES, Demonstrations
+from crowdbench_agents.learning.experts import Experts
+from simple_kind import SMALL
+
+import crowdbench
+
+WANTED = 200
+
+
+def demonstrations(folder):
+    config = SMALL.override({"training.demonstrations": WANTED})
+    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
+    return Demonstrations(folder, config, robot, social=True)
+
+
+def test_of_two_runs_that_start_together_one_records_and_the_other_waits(
+    in_empty_folder, monkeypatch
+):
+    recorders, waited = [], []
+    monkeypatch.setattr(module, "LOOK", 0.001)
+    monkeypatch.setattr(module, "Experts", lambda *given: recorders.append(0) or Experts(*given))
+    first, second = demonstrations(in_empty_folder), demonstrations(in_empty_folder)
+    looked = threading.Event()
+
+    def wait(there):
+        waited.append(there)
+        looked.set()
+
+    other = threading.Thread(target=second.record, args=(wait, lambda: False))
+
+    def progress(there):
+        if there == 10 * LANES:
+            other.start()
+            assert looked.wait(60), "the second run tells how far the first one is"
+
+    first.record(progress, lambda: False)
+    other.join()
+    assert len(recorders) == 1
+    assert waited[0] == 10 * LANES
+    assert WANTED <= len(first) == len(second) < WANTED + 2 * LANES
+
+
+def test_what_one_run_has_left_another_one_records(in_empty_folder):
+    seen = []
+    demonstrations(in_empty_folder).record(seen.append, lambda: len(seen) > 5)
+    later = demonstrations(in_empty_folder)
+    assert len(later) == seen[-1] < WANTED
+    later.record(seen.append, lambda: False)
+    assert len(later) >= WANTED
+    goals = [later._data.goal[lane, :n] for lane, n in enumerate(later.lengths())]
+    assert len(np.unique(np.concatenate(goals), axis=0)) == len(later), "nothing comes twice"

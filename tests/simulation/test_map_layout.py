@@ -1,0 +1,146 @@
+"""Layouts on maps: who begins where, and which places cannot be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from map_scenarios import BORDER, HALL, PILLARS, hall
+
+from crowdbench.scenario import NoRoomError, ScenarioError, load_scenario
+from crowdbench.simulation.layout import OBSTACLE_CLEARANCE, place
+from crowdbench.simulation.map_layout import places_of
+
+PILLAR_SHAPES = [shapely.Polygon(pillar) for pillar in PILLARS]
+
+
+def solids(scenario):
+    lines = [shapely.LineString([wall[:2], wall[2:]]) for wall in scenario.arena.walls]
+    return shapely.union_all([*lines, *map(shapely.Polygon, scenario.arena.polygons)])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"robots__count": 3, "obstacles__count": 2},
+        {"pedestrians__radius": 0.4, "robots__length": 1.0, "robots__width": 0.6},
+    ],
+)
+def test_nobody_overlaps_anything_and_robots_are_where_regions_say(changes):
+    scenario = hall(pedestrians__count=15, **changes)
+    places, walls = places_of(scenario), solids(scenario)
+    radius = np.hypot(scenario.robots.length, scenario.robots.width) / 2
+    for seed in range(12):
+        layout = place(scenario, seed, places)
+        starts, goals = layout.robot_pose[:, :2], layout.robot_goal
+        assert ((starts >= [-9, -5]) & (starts <= [-7, 5])).all()
+        assert ((goals >= [7, -5]) & (goals <= [9, 5])).all()
+        people = [(*p, scenario.pedestrians.radius) for p in layout.pedestrian_position]
+        robots = [(*start, radius + 0.1) for start in starts]
+        discs = [shapely.Point(x, y).buffer(r) for x, y, r in [*people, *robots, *layout.obstacles]]
+        for i, disc in enumerate(discs):
+            assert not disc.intersects(walls)
+            assert not any(disc.intersects(other) for other in discs[i + 1 :])
+        for x, y, r in layout.obstacles:
+            ends = shapely.points(np.vstack([starts, goals]))
+            assert (shapely.distance(shapely.Point(x, y), ends) - r).min() >= OBSTACLE_CLEARANCE
+            assert shapely.distance(shapely.Point(x, y), walls) - r >= 0.9
+
+
+def test_a_robot_faces_the_first_turn_of_its_way():
+    scenario = hall(robots__start=[-1, -5], robots__goal=[1, -5], pedestrians__count=0)
+    layout = place(scenario, 0)
+    # The way leads up to the gap in the middle, y = -1, not through the wall to the right.
+    off = layout.robot_pose[0, 2] - np.pi / 2
+    assert abs(off) < np.pi / 6 + np.arctan(1 / 4)
+    assert layout.robot_pose[0, :2].tolist() == [-1, -5]
+    assert layout.robot_goal[0].tolist() == [1, -5]
+
+
+def test_a_region_may_lie_over_a_pillar():
+    around = [-5.6, -3.6, -4.2, -2.4]
+    scenario = hall(arena__regions={**HALL["arena.regions"], "around": around})
+    scenario = scenario.override({"robots.start": "around", "robots.length": 0.2})
+    places = places_of(scenario)
+    for seed in range(20):
+        start = shapely.Point(place(scenario, seed, places).robot_pose[0, :2])
+        assert min(start.distance(shape) for shape in PILLAR_SHAPES) >= 0.18 + 0.1 - 1e-9
+
+
+def test_nobody_is_where_nobody_can_walk_to():
+    shut = [[3, 2, 6, 2], [6, 2, 6, 5], [6, 5, 3, 5], [3, 5, 3, 2]]  # a room without a door
+    scenario = hall(arena__walls=[*BORDER, *shut], arena__polygons=[], pedestrians__count=20)
+    places = places_of(scenario)
+    for seed in range(10):
+        position = place(scenario, seed, places).pedestrian_position
+        assert not ((position > [3, 2]) & (position < [6, 5])).all(axis=1).any()
+
+
+def test_regions_serve_in_open_arenas_and_corridors_too():
+    regions = {"arena.regions": {"a": [-4, -1, -3, 1], "b": [3, -1, 4, 1]}}
+    for name in ("multimodal_fast", "corridor_dense"):
+        scenario = load_scenario(name, **regions, **{"robots.start": "b", "robots.goal": "a"})
+        layout = place(scenario, 0)
+        assert 3 <= layout.robot_pose[0, 0] <= 4
+        assert -4 <= layout.robot_goal[0, 0] <= -3
+        assert len(layout.walls) == (2 if name == "corridor_dense" else 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"arena__regions__west": [-9.9, -5, -9.7, 5]},
+            "robots.start: the region 'west' has no room for a robot; allowed: somewhere in it at "
+            "least 0.35 m from walls",
+        ),
+        (
+            {"arena__regions__east": [4.8, -3.2, 5.2, -2.8]},  # within a pillar
+            "robots.goal: the region 'east' has no room for a robot",
+        ),
+        (
+            {"robots__start": [-9.8, 0]},
+            "robots.start: (-9.8, 0) is too near to a wall, a polygon or the border; allowed: at "
+            "least 0.35 m away",
+        ),
+        ({"robots__goal": [5, 3]}, "robots.goal: (5, 3) is too near"),
+        (
+            {"arena__walls": [*BORDER, [0, -6, 0, 6]]},
+            "robots.goal: no way leads to region 'east' from region 'west' (robots.start); "
+            "allowed: passages at least 0.70 m wide",
+        ),
+        (
+            {"arena__walls": [*BORDER, [0, -6, 0, -0.3], [0, 0.3, 0, 6]]},
+            "robots.goal: no way leads to",
+        ),
+        ({"robots__length": 2, "robots__width": 1.5}, "passages at least 2.70 m wide"),
+        (
+            {
+                "arena__walls": [*BORDER, *([-10, y, 10, y] for y in (-3, 0, 3))],
+                "arena__polygons": [],
+                "pedestrians__radius": 1.6,
+            },
+            "pedestrians.radius: 1.6 m leaves no room",
+        ),
+    ],
+)
+def test_places_that_no_seed_can_use_are_refused_with_what_is_allowed(changes, told):
+    with pytest.raises(ScenarioError) as caught:
+        places_of(hall(**changes))
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"pedestrians__count": 500, "pedestrians__radius": 0.4}, "pedestrian .* of 500 found no"),
+        ({"robots__count": 30}, "robot .* of 30 found no place"),
+        ({"obstacles__count": 60}, "obstacle .* of 60 found no place"),
+    ],
+)
+def test_no_room_is_said_with_the_seed(changes, told):
+    with pytest.raises(NoRoomError, match=told) as caught:
+        place(hall(**changes), 3)
+    assert caught.value.seed == 3

@@ -1,0 +1,260 @@
+"""People who walk as recorded: synthetic recordings, replayed, crossed and refused."""
+
+import numpy as np
+import pytest
+
+import crowdbench
+from crowdbench import ScenarioError, load_scenario
+from crowdbench.evaluation.metrics import metrics
+from crowdbench.evaluation.resimulate import resimulate
+from crowdbench.evaluation.rollout import run_episode
+from crowdbench.people import read_recording
+from crowdbench.simulation.crossing import free_distance, main_direction
+from crowdbench.simulation.env import CrowdEnv
+from crowdbench.simulation.recorded import CATCH_UP, Recorded, Tracks
+from crowdbench.simulation.walking import Crowd
+
+FPS = 10
+STANDING = {"robot_0": np.zeros(2)}
+
+
+def walking(persons=6, seconds=30, speed=1.0, every=3.0):
+    """People who walk along x one after another, in two rows, 12 m each."""
+    lines = ["id,time [s],x [m],y [m]"]
+    for person in range(persons):
+        for frame in range(int(12 / speed * FPS) + 1):
+            time = every * person + frame / FPS
+            if time <= seconds:
+                x, y = speed * frame / FPS - 6, 0.6 * (person % 2)
+                lines.append(f"{person},{time:.2f},{x:.4f},{y + 0.05 * np.sin(x):.4f}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def recording(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(walking())
+    return path
+
+
+def crossing(path, **changes):
+    settings = {
+        "pedestrians.model": "recorded",
+        "pedestrians.recording": str(path),
+        "robots.travel": 6.0,
+        "time_limit": 12.0,
+        **changes,
+    }
+    return load_scenario("multimodal_fast", **settings)
+
+
+def steps(env, seed, action=STANDING):
+    """States of an episode, the first included."""
+    env.reset(seed=seed)
+    yield env.state()
+    while env.agents:
+        env.step(action)
+        yield env.state()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nobody_walks_otherwise_than_recorded(recording, seed):
+    env = CrowdEnv(crossing(recording, **{"pedestrians.reactive": 0.0}))
+    known = read_recording(recording)
+    origin = sum(known.extent) / 2
+    states = list(steps(env, seed))
+    # The moment is not known from outside: where the first people are tells it.
+    begin = next(
+        moment
+        for moment in np.arange(0, known.duration, 1e-2)
+        if len(known.at(moment).tracks) == np.isfinite(states[0]["pedestrian_position"][:, 0]).sum()
+        and np.allclose(_there(states[0]), known.at(moment).positions - origin, atol=6e-3)
+    )
+    for k, state in enumerate(states):
+        expected = known.at(begin + 0.2 * k).positions - origin
+        seen = _there(state)
+        if len(seen) == len(expected):  # the moment is known to a hundredth of a second
+            np.testing.assert_allclose(seen, expected, atol=0.01)
+
+
+def _there(state):
+    position = state["pedestrian_position"]
+    return position[np.isfinite(position[:, 0])]
+
+
+def test_people_come_and_go(recording):
+    env = CrowdEnv(crossing(recording, **{"pedestrians.reactive": 0.0}))
+    present = np.array([np.isfinite(state["pedestrian_position"][:, 0]) for state in steps(env, 4)])
+    changes = np.diff(present.astype(int), axis=0)
+    assert (changes == 1).any() and (changes == -1).any()
+    assert present.any(axis=1).all()
+
+
+def follower(position, robot, sees=True):
+    """Somebody who walks by a recording (T, P, 2), beside a robot that stands."""
+    model = Recorded()
+    model.follow(Tracks(position, 0.2))
+    count = position.shape[1]
+
+    def crowd(places, velocity, present=None):
+        return Crowd(
+            position=places, velocity=velocity, heading=np.zeros(count), goal=position[-1],
+            preferred_speed=np.ones(count), preferred_velocity=velocity,
+            radius=np.full(count, 0.25),
+            present=np.ones(count, bool) if present is None else present,
+            sees_robot=np.full((count, 1), sees), robot_position=np.array([robot], float),
+            robot_velocity=np.zeros((1, 2)), robot_radius=0.25, responsibility=1.0,
+            obstacles=np.empty((0, 3)), walls=np.empty((0, 4)), period=0.2,
+        )  # fmt: skip
+
+    return model, crowd
+
+
+def test_who_sees_a_robot_in_the_way_goes_around_it_and_comes_back():
+    track = np.column_stack([np.arange(80) * 0.2 - 6.0, np.zeros(80)])[:, None]
+    model, crowd = follower(track, robot=[0.0, 0.1])
+    place, velocity, fastest, gap = track[0].copy(), np.zeros((1, 2)), 0.0, np.inf
+    for step in range(78):
+        velocity = model.velocities(crowd(place.copy(), velocity), 0.2 * step)
+        place += 0.2 * velocity
+        fastest = max(fastest, np.linalg.norm(velocity))
+        gap = min(gap, np.linalg.norm(place - [0.0, 0.1]))
+    assert gap > 0.49  # the sum of the radii
+    assert fastest <= 1.0 + CATCH_UP + 1e-9
+    np.testing.assert_allclose(place[0], track[78, 0], atol=1e-6)
+
+
+def test_who_does_not_see_it_walks_on():
+    track = np.column_stack([np.arange(40) * 0.2 - 4.0, np.zeros(40)])[:, None]
+    model, crowd = follower(track, robot=[0.0, 0.1], sees=False)
+    for step in range(39):
+        velocity = model.velocities(crowd(track[step].copy(), np.zeros((1, 2))), 0.2 * step)
+        np.testing.assert_allclose(velocity, [[1.0, 0.0]], atol=1e-9)
+
+
+def test_what_lies_ahead_is_what_comes(recording):
+    env = CrowdEnv(crossing(recording, **{"pedestrians.reactive": 0.0}))
+    states = list(steps(env, 6))
+    for k in range(0, len(states) - 11, 5):
+        ahead = states[k]["recorded_ahead"][9]
+        np.testing.assert_allclose(ahead, states[k + 10]["pedestrian_position"], atol=1e-9)
+    for state in states:
+        for key, space in env.state_space.items():
+            assert space.shape == state[key].shape, key
+
+
+def test_lanes_and_stored_commands_give_the_same_episode(recording):
+    scenario = crossing(recording, **{"pedestrians.reactive": 0.5})
+    (episode,) = run_episode(scenario, "straight_line", 7)
+    env = CrowdEnv(scenario)
+    (again,) = resimulate(env, 7, [episode.commands], label="straight_line", errors=[None])
+    np.testing.assert_array_equal(again.pedestrian_position, episode.pedestrian_position)
+    assert metrics(again).keys() == metrics(episode).keys()
+    lanes = crowdbench.vector_env(scenario, 3, autoreset_mode="Disabled")
+    lanes.reset(seed=6)
+    for command in episode.commands:
+        lanes.step(np.tile(command.astype(np.float32), (3, 1)))
+    single = CrowdEnv(scenario)
+    single.reset(seed=7)
+    for command in episode.commands:
+        single.step({"robot_0": command.astype(np.float32)})
+    for key, value in single.state().items():
+        np.testing.assert_array_equal(lanes.state(1)[key], value, err_msg=key)
+
+
+def test_nobody_appears_on_top_of_a_robot():
+    track = np.full((10, 2, 2), np.nan)
+    track[3:, 0] = [0.3, 0.0]
+    track[2:, 1] = [5.0, 0.0]
+    model, crowd = follower(track, robot=[0.0, 0.0])
+    nobody = np.zeros(2, bool)
+    absent = crowd(np.zeros((2, 2)), np.zeros((2, 2)), nobody)
+    assert [model.present(absent, step).tolist() for step in (1, 2, 3)] == [
+        [False, False], [False, True], [False, True],
+    ]  # fmt: skip
+    assert model.held.tolist() == [True, False]
+    _, away = follower(track, robot=[0.0, 2.0])
+    assert model.present(away(np.zeros((2, 2)), np.zeros((2, 2)), nobody), 4).all()
+    # Who is there already stays, however near the robot is.
+    there = crowd(np.zeros((2, 2)), np.zeros((2, 2)))
+    assert model.present(there, 4).all()
+
+
+def test_metrics_know_only_those_who_are_there(recording):
+    (episode,) = run_episode(crossing(recording), "straight_line", 8)
+    values = metrics(episode)
+    assert 0 <= values["min_clearance"] < 6
+    assert np.isfinite(values["social_work"])
+
+
+def test_the_digest_follows_the_file_not_its_place(recording, tmp_path):
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    copy = other / "copy.csv"
+    copy.write_bytes(recording.read_bytes())
+    assert crossing(copy).digest == crossing(recording).digest
+    copy.write_text(walking(speed=1.1))
+    assert crossing(copy).digest != crossing(recording).digest
+
+
+def test_a_path_starts_at_the_scenarios_file(recording):
+    path = recording.with_name("crossing.yaml")
+    path.write_text(
+        "extends: open\nrobots: {travel: 6}\npedestrians: {model: recorded, recording: walk.csv}\n"
+    )
+    scenario = load_scenario(path)
+    assert scenario.pedestrians.count == 6
+    assert scenario.pedestrians.recording.file == str(recording)
+    assert load_scenario(scenario, **{"robots.travel": 5}).robots.travel == 5
+
+
+@pytest.mark.parametrize(
+    "changes, told",
+    [
+        ({"pedestrians.recording": "nowhere.csv"}, "nowhere.csv': No such file"),
+        ({"pedestrians.recording.file": ""}, "pedestrians.recording: missing"),
+        ({"pedestrians.model": "orca"}, "allowed: none, or pedestrians.model 'recorded'"),
+        ({"pedestrians.control": "agents"}, "pedestrians.control"),
+        ({"arena.kind": "corridor"}, "allowed for recorded people: open"),
+        ({"obstacles.count": 2}, "obstacles.count"),
+        ({"pedestrians.recording.sha256": "0" * 64}, "is another file than the one noted"),
+        ({"pedestrians.recording.unit": "cm"}, "positions in m, and cm is given"),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_together_is_named(recording, changes, told):
+    document = crossing(recording).model_dump()
+    with pytest.raises(ScenarioError, match=told.replace("(", r"\(")):
+        crowdbench.Scenario.model_validate(document).override(changes)
+
+
+def test_a_recording_with_nobody_in_the_way_is_refused(tmp_path):
+    path = tmp_path / "apart.csv"
+    lines = ["id,time [s],x [m],y [m]"]
+    for person, y in enumerate((0.0, 40.0)):
+        lines += [f"{person},{0.5 * k},{0.0 + 0.01 * k},{y + 0.4 * k}" for k in range(10)]
+    path.write_text("\n".join(lines) + "\n")
+    scenario = crossing(path, **{"pedestrians.spawn_clearance": 8.0})
+    with pytest.raises(ScenarioError, match="cannot be crossed"):
+        CrowdEnv(scenario).reset(seed=0)
+
+
+def test_the_main_direction_is_an_axis(tmp_path):
+    path = tmp_path / "both.csv"
+    lines = ["id,time [s],x [m],y [m]"]
+    for person, sign in enumerate((1, -1, 1)):
+        lines += [f"{person},{0.5 * k},{sign * 0.3 * k},{sign * 0.3 * k}" for k in range(20)]
+    path.write_text("\n".join(lines) + "\n")
+    assert main_direction(read_recording(path)) == pytest.approx(np.pi / 4)
+
+
+@pytest.mark.parametrize(
+    "origin, clear, expected", [((0, 0), 0.3, 1.7), ((0, 1.4), 0.3, 1.7), ((1.9, 0), 0.3, 0.0)]
+)
+def test_a_disc_gets_as_far_as_its_edge_touches_the_wall(origin, clear, expected):
+    wall = np.array([[2.0, -5.0, 2.0, 5.0]])
+    found = free_distance(np.array(origin, float), np.array([1.0, 0.0]), clear, 8.0, wall)
+    assert found == pytest.approx(expected, abs=0.021)
+
+
+def test_without_walls_a_disc_gets_anywhere():
+    assert np.isinf(free_distance(np.zeros(2), np.array([1.0, 0.0]), 0.3, 8.0, np.empty((0, 4))))
