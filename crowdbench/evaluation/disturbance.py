@@ -13,6 +13,7 @@ one of the twins so far is left out of delay and detour; ``compared`` is the sha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -206,13 +207,13 @@ def _behind(one: list[_Leg], other: list[_Leg]) -> float:
     if any(not np.array_equal(a.goal, b.goal) for a, b in zip(one, other, strict=False)):
         return np.nan
     done = other[last:-1]
-    if any(np.linalg.norm(leg.goal - leg.end) >= ARRIVAL for leg in done):
+    if any(math.dist(leg.goal, leg.end) >= ARRIVAL for leg in done):
         return np.nan
-    way = float(np.linalg.norm(one[last].goal - one[last].end))
+    way = math.dist(one[last].goal, one[last].end)
     # What the other has walked of the goals since: its legs end near a goal, not in it.
     for leg, following in zip(done, other[last + 1 :], strict=True):
-        way += float(np.linalg.norm(following.goal - leg.end) - np.linalg.norm(leg.goal - leg.end))
-    return way - float(np.linalg.norm(other[-1].goal - other[-1].end))
+        way += math.dist(following.goal, leg.end) - math.dist(leg.goal, leg.end)
+    return way - math.dist(other[-1].goal, other[-1].end)
 
 
 def _mean(values: Array) -> float:

@@ -1,9 +1,11 @@
 """Gaps along a motion, against shapely."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import shapely
-from crowdbench_agents.geometry.footprint import arc_gap, line_gap
+from crowdbench_agents.geometry.footprint import arc_gap, line_gap, turned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
@@ -45,3 +47,15 @@ def test_the_gap_is_the_least_over_the_checked_poses(gap, pose, first, second, s
 def test_where_nothing_is_there_is_no_gap(gap):
     nothing = np.empty((0, 2))
     assert gap(1.0, 0.5, PERIOD, CHECKS, LENGTH / 2, WIDTH / 2, nothing) == np.inf
+
+
+def test_vectors_are_turned_alone_as_among_others_and_rounded_twice():
+    vectors = np.random.default_rng(0).uniform(-6, 6, (50, 2))
+    cosine, sine = np.cos(0.7), np.sin(0.7)
+    together = turned(vectors, cosine, sine)
+    alone = [turned(one[None], cosine, sine)[0] for one in vectors]
+    np.testing.assert_array_equal(together, alone)
+    for (x, y), (ahead, aside) in zip(vectors, together, strict=True):
+        assert ahead == float(Fraction(x * cosine) + Fraction(y) * Fraction(sine))
+        assert aside == float(Fraction(x * -sine) + Fraction(y) * Fraction(cosine))
+    assert turned(np.empty((0, 2)), cosine, sine).shape == (0, 2)
