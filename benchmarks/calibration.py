@@ -29,14 +29,15 @@ FIRST_SEED = VALIDATION[0]
 def main() -> None:
     """Run what is missing, then print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenarios", nargs="*", help="all by default")
+    parser.add_argument("scenarios", nargs="*", help="by default all of the tier")
+    parser.add_argument("--tier", default="paper", choices=crowdbench.scenario_tiers())
     parser.add_argument("--agents", nargs="+", default=["informed", "straight_line"])
     parser.add_argument("--episodes", type=int, default=500)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--folder", type=Path, default=Path("build/calibration"))
     options = parser.parse_args()
 
-    names = options.scenarios or crowdbench.scenario_names()
+    names = options.scenarios or crowdbench.scenario_names(options.tier)
     seeds = range(FIRST_SEED, FIRST_SEED + options.episodes)
     tasks = [
         Task(crowdbench.load_scenario(name), crowdbench.AgentSpec.parse(agent), seeds)

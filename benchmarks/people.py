@@ -21,6 +21,7 @@ from scipy.stats import wasserstein_distance
 from crowdbench.extensions import WALKING_MODELS
 from crowdbench.people import CrowdRecording, read_recording
 from crowdbench.people.likeness import MEASURES, Frames, densities
+from crowdbench.simulation.pedestrians import preferred_velocity
 from crowdbench.simulation.walking import Crowd
 
 PERIOD = 0.2
@@ -107,6 +108,7 @@ def simulated(recording: CrowdRecording, name: str) -> Frames:
             heading=np.arctan2(velocity[there, 1], velocity[there, 0]),
             goal=goal[there].copy(),
             preferred_speed=speed[there].copy(),
+            preferred_velocity=preferred(goal[there] - place[there], speed[there]),
             radius=np.full(len(there), RADIUS),
             present=np.ones(len(there), dtype=np.bool_),
             sees_robot=np.zeros((len(there), 0), dtype=np.bool_),
@@ -121,6 +123,12 @@ def simulated(recording: CrowdRecording, name: str) -> Frames:
         velocity[there] = model.velocities(crowd, time)
         place[there] += PERIOD * velocity[there]
     return Frames(position, PERIOD)
+
+
+def preferred(offset: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P, 2) straight to goals at ``offset`` (P, 2), past which nobody walks in a period [m/s]."""
+    pairs = zip(offset.tolist(), speed.tolist(), strict=True)
+    return np.array([preferred_velocity(x, y, pace, PERIOD) for (x, y), pace in pairs])
 
 
 def distances(real: Frames, other: Frames, rng: np.random.Generator) -> dict[str, list[float]]:

@@ -154,7 +154,7 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
         limits = _limits(_unwrapped(annotation, metadata)[1])
         limits = allowed(annotation, metadata) if union else limits
         return f"{field}: {value} is out of range; allowed: {limits}"
-    if item["type"] == "missing":
+    if item["type"] == "missing" and isinstance(item["loc"][-1], str):
         return f"{field}: missing; expected {allowed(annotation, metadata)}"
     if item["type"] == "too_long" and any(hasattr(limit, "max_length") for limit in metadata):
         longest, length = item["ctx"]["max_length"], item["ctx"]["actual_length"]

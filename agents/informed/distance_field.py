@@ -1,15 +1,14 @@
-"""Lengths of the shortest paths to a goal around round obstacles, tabulated on a grid."""
+"""Lengths of the shortest paths to a goal past obstacles and walls, tabulated on a grid."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from crowdbench_agents.informed.eikonal import CELL, UNREACHABLE, lengths_among
 
 from crowdbench.compiled import compiled
 
-CELL = 0.1
-"""Grid spacing [m]."""
 MARGIN = 2.0
 """How far the grid reaches beyond everything of interest [m]."""
 CORNERS = 12
@@ -23,6 +22,7 @@ class DistanceField:
         origin: (2,) position of the first grid point [m].
         values: (X, Y) length of the shortest path from each grid point [m]; empty without
             obstacles, where the straight line is the shortest path.
+        winds: whether ways may lead around walls.
     """
 
     def __init__(self, goal, start, obstacles, walls, clearance):
@@ -34,14 +34,39 @@ class DistanceField:
             walls: (S, 4) x1, y1, x2, y2 [m].
             clearance: distance that the way keeps from both [m].
         """
+        self.winds = not _beside(walls)
         places = np.vstack([goal, start, obstacles[:, :2]])
+        if self.winds:
+            places = np.vstack([places, walls[:, :2], walls[:, 2:]])
         self.origin = places.min(axis=0) - MARGIN
         self.values = np.empty((0, 0))
-        if len(obstacles):
+        if len(obstacles) or self.winds:
             size = np.ceil((places.max(axis=0) + MARGIN - self.origin) / CELL).astype(int) + 1
             self.values = np.empty(tuple(size))
+        if self.winds:
+            for margin in (clearance, clearance / 2):
+                lengths_among(
+                    np.asarray(goal, dtype=float),
+                    obstacles,
+                    walls,
+                    margin,
+                    self.origin,
+                    self.values,
+                )
+                if look_up(*start, *goal, self.origin, self.values) < UNREACHABLE:
+                    break
+        elif len(obstacles):
             discs = obstacles + np.array([0.0, 0.0, clearance])
             _fill(np.asarray(goal, dtype=float), discs, walls, clearance, self.origin, self.values)
+
+
+def _beside(walls):
+    """Whether walls only bound a corridor: none, or two alike beside each other."""
+    if len(walls) != 2:
+        return len(walls) == 0
+    one, other = walls
+    along = one[2:] - one[:2]
+    return bool((one[[0, 2]] == other[[0, 2]]).all() and along[1] == 0.0 and other[1] == other[3])
 
 
 @compiled()

@@ -38,6 +38,8 @@ TURN_COST = 0.05
 """Cost of turning [s per rad]."""
 RISK_COST = 16.0
 """Cost of being where somebody whose next goal is unknown may be [s per s]."""
+CERTAIN = 1.0 - 1e-9
+"""Share of the futures from which on a contact counts as one that will be."""
 LOST = 1000.0
 """Cost of a contact now; later contacts cost less, so that the last resort is to delay one [s]."""
 ABSENT = -1.0
@@ -90,10 +92,13 @@ def search(
     arcs,
     future,
     spread,
+    share,
+    price,
     obstacles,
     walls,
     origin,
     lengths,
+    winds,
     kept,
     plan,
 ):
@@ -108,11 +113,14 @@ def search(
         turns: whether the robot is differential, else omnidirectional.
         arcs: (A, 2) actions to choose from; later ones only from the first half. Here and below
             (v, w) are v [m/s], w [rad/s], or speeds ahead and to the left [m/s].
-        future: (HORIZON * TICKS + 1, N, 3) x, y, radius of the discs at every tick [m].
+        future: (HORIZON * TICKS + 1, N, 3) x, y, radius of the discs at every tick [m]; those of
+            several possible futures one beside the other.
         spread: (HORIZON * TICKS + 1, N) how far each may be from there [m].
+        share: probability of each of the futures, 1 where there is but one.
+        price: cost of being where somebody may be [s per s].
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
-        origin, lengths: of the DistanceField.
+        origin, lengths, winds: of the DistanceField.
         kept: (M, 2) what is left of the last plan. It competes: a plan that still works is not
             to be lost because the arcs are cut elsewhere now.
         plan: (HORIZON, 2) the cheapest plan, written.
@@ -135,6 +143,8 @@ def search(
         period / TICKS,
         future,
         spread,
+        share,
+        price,
         obstacles,
         walls,
     )
@@ -162,7 +172,7 @@ def search(
                 status = _drive(beam[b], v, w, row, ticks, scene, child)
                 child[6] = b
                 if status == _RUNNING:
-                    left = _time_left(child, goal, tolerance, top, turn, origin, lengths)
+                    left = _time_left(child, goal, tolerance, top, turn, origin, lengths, winds)
                     score[count] = child[5] + left
                     count += 1
                 elif child[5] < best:
@@ -238,18 +248,26 @@ def _trace(node, level, history, kept, plan):
 
 
 @compiled()
-def _time_left(node, goal, tolerance, top, turn, origin, lengths):
+def _time_left(node, goal, tolerance, top, turn, origin, lengths, winds):
     """Least time from a pose to the goal [s], and a little for facing elsewhere."""
-    dx, dy = goal[0] - node[0], goal[1] - node[1]
+    x, y = node[0], node[1]
+    dx, dy = goal[0] - x, goal[1] - y
+    if winds and dx * dx + dy * dy > CELL:
+        # Down the slope of the length, which is that of the way.
+        dx = look_up(x - CELL, y, goal[0], goal[1], origin, lengths)
+        dx -= look_up(x + CELL, y, goal[0], goal[1], origin, lengths)
+        dy = look_up(x, y - CELL, goal[0], goal[1], origin, lengths)
+        dy -= look_up(x, y + CELL, goal[0], goal[1], origin, lengths)
     off = (math.atan2(dy, dx) - node[2] + math.pi) % (2 * math.pi) - math.pi
-    left = look_up(node[0], node[1], goal[0], goal[1], origin, lengths) - tolerance
+    left = look_up(x, y, goal[0], goal[1], origin, lengths) - tolerance
     return max(0.0, left) / top + 0.5 * abs(off) / turn
 
 
 @compiled()
 def _drive(node, v, w, row, ticks, scene, end):
     """Follow an arc for ``ticks`` from a node at ``row`` of the future; writes where it ends."""
-    turns, goal, tolerance, half_length, half_width, tick, future, spread, obstacles, walls = scene
+    turns, goal, tolerance, half_length, half_width, tick = scene[:6]
+    future, spread, share, price, obstacles, walls = scene[6:]
     x, y, heading, cost = node[0], node[1], node[2], node[5]
     turn = w if turns else 0.0
     cost += TURN_COST * abs(turn) * ticks * tick
@@ -269,8 +287,9 @@ def _drive(node, v, w, row, ticks, scene, end):
             chord_y * turned_c + chord_x * turned_s,
         )
         discomfort = _discomfort(
-            x, y, cosine, sine, half_length, half_width, future[i], spread[i], obstacles, walls
-        )
+            x, y, cosine, sine, half_length, half_width,
+            future[i], spread[i], share, price, obstacles, walls,
+        )  # fmt: skip
         cost += tick * (1.0 + discomfort)
         if discomfort == np.inf:
             cost, status = LOST - i * tick, _ENDED
@@ -291,9 +310,11 @@ def _within(v, w, now_v, now_w, reach_v, reach_w):
 
 
 @compiled()
-def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obstacles, walls):
-    """Cost per second of being here [s/s]; inf for a contact."""
-    total = 0.0
+def _discomfort(
+    x, y, cosine, sine, half_length, half_width, discs, spread, share, price, obstacles, walls
+):
+    """Cost per second of being here [s/s]; inf for a contact in all futures."""
+    total, touched = 0.0, 0.0
     reach = half_length + half_width
     for d in range(len(discs)):
         if discs[d, 2] == ABSENT:
@@ -305,12 +326,16 @@ def _discomfort(x, y, cosine, sine, half_length, half_width, discs, spread, obst
         gap = point_gap(x, y, cosine, sine, half_length, half_width, discs[d, 0], discs[d, 1])
         gap -= discs[d, 2]
         if gap < CONTACT:
-            return np.inf
+            touched += share
+            if touched >= CERTAIN:
+                return np.inf
+            total += share * price
+            continue
         if gap < spread[d]:
-            total += RISK_COST * (1.0 - gap / spread[d])
+            total += share * price * (1.0 - gap / spread[d])
         if gap < COMFORT:
             short = 1.0 - gap / COMFORT
-            total += COMFORT_COST * short * short
+            total += share * COMFORT_COST * short * short
     for k in range(len(obstacles)):
         dx, dy, far = obstacles[k, 0] - x, obstacles[k, 1] - y, obstacles[k, 2] + reach
         if dx * dx + dy * dy < far * far:

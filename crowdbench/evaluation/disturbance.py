@@ -7,14 +7,18 @@ without the robot, whose people are a millimetre off after the first control per
 the numbers are when there is nothing to measure.
 
 A person's way is compared by goals, so these must not depend on where the person was pushed to:
-``undefined`` says of which scenarios that holds. Who has turned to another goal on the way in only
-one of the twins so far is left out of delay and detour; ``compared`` is the share of the others.
+``undefined`` says of which scenarios that holds. How far behind somebody is follows from the way
+without the robot, walls and other people included: from its point that is nearest to where the
+person is now, on the same leg. Those who get other goals in the two twins after all (who is called
+back to a queue may be anywhere) are left out of delay and detour, and ``compared`` is the share of
+those who are left.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +26,13 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.kinematics import make_drive
-from crowdbench.simulation.pedestrians import ARRIVAL
+from crowdbench.simulation.routes import has_routes
 from crowdbench.simulation.world import World
 
 DURATION = 20.0
 """For which the twins run [s]."""
+JUMP = 1.0
+"""Who moves this much farther in a control period than it can walk has entered anew [m]."""
 NUDGE = 1e-3
 """How far off the people of the third twin are [m]."""
 
@@ -61,24 +67,76 @@ class Disturbance(NamedTuple):
     noise_floor: Shift
 
 
-class _Walks(NamedTuple):
-    """One twin: N + 1 states of P people."""
+@dataclass(frozen=True)
+class _Walks:
+    """One twin: N + 1 states of P people.
+
+    Attributes:
+        position: (N + 1, P, 2) [m].
+        goal: (N + 1, P, 2) where each was going when the state came about [m].
+        speed: (P,) preferred [m/s].
+        first_velocity: (P, 2) in the first control period [m/s].
+        way: (N + 1, P) walked so far [m].
+        entries: (N + 1, P) how often each has entered anew, elsewhere.
+    """
 
     position: Array
-    """(N + 1, P, 2) [m]"""
     goal: Array
-    """(N + 1, P, 2) where each was going when the state came about [m]"""
     speed: Array
-    """(P,) preferred [m/s]"""
     first_velocity: Array
-    """(P, 2) in the first control period [m/s]"""
+    way: Array
+    entries: NDArray[np.int64]
+
+    @classmethod
+    def of_states(
+        cls, position: Array, goal: Array, speed: Array, first_velocity: Array, period: float
+    ) -> _Walks:
+        """Tell steps from jumps, of which nobody walks any, and add up both."""
+        steps = np.linalg.norm(np.diff(position, axis=0), axis=2)
+        jumps = steps > speed * period + JUMP
+        begin = np.zeros((1, len(speed)))
+        way = np.concatenate([begin, np.cumsum(np.where(jumps, 0.0, steps), axis=0)])
+        entries = np.concatenate([begin.astype(np.int64), np.cumsum(jumps, axis=0)])
+        return cls(position, goal, speed, first_velocity, way, entries)
+
+    def of(self, p: int) -> _Walk:
+        """What one person did."""
+        goals = self.goal[:, p]
+        # A goal of a state was chosen in the state before.
+        changes = np.flatnonzero(np.any(goals[1:] != goals[:-1], axis=1))
+        ends = np.append(changes, len(goals) - 1)
+        return _Walk(
+            self.position[:, p], self.way[:, p], self.entries[:, p], goals[ends], np.append(0, ends)
+        )
 
 
-class _Leg(NamedTuple):
-    """One goal of a person, and where the person was when it was given up for the next."""
+class _Walk(NamedTuple):
+    """One person: N + 1 places, the way to each, and G goals in their order.
 
-    goal: Array
-    end: Array
+    Leg i goes from state ``bounds[i]`` to state ``bounds[i + 1]``.
+    """
+
+    places: Array
+    way: Array
+    entries: NDArray[np.int64]
+    goals: Array
+    bounds: NDArray[np.int64]
+
+    def nearest(self, leg: int, place: Array) -> float:
+        """The way up to the point of a leg that is nearest to a place [m]."""
+        states = slice(self.bounds[leg], self.bounds[leg + 1] + 1)
+        places, way, entries = self.places[states], self.way[states], self.entries[states]
+        if len(places) == 1:
+            return float(way[0])
+        ahead = np.diff(places, axis=0)
+        ahead[np.diff(entries) > 0] = 0.0  # nobody is on the way of a jump
+        squared = np.maximum((ahead**2).sum(axis=1), 1e-300)
+        share = np.clip(((place - places[:-1]) * ahead).sum(axis=1) / squared, 0.0, 1.0)
+        gaps = np.linalg.norm(place - places[:-1] - share[:, None] * ahead, axis=1)
+        best = int(np.argmin(gaps))
+        if math.dist(place, places[-1]) <= gaps[best]:
+            return float(way[-1])
+        return float(way[best] + share[best] * (way[best + 1] - way[best]))
 
 
 def disturbance(
@@ -131,7 +189,8 @@ def undefined(scenario: Scenario) -> str:
             "pedestrians.model: 'recorded': people come and go by the clock, whatever the robot "
             "does; allowed: any other"
         )
-    if people.on_arrival == "new_goal" and people.leg_from == "position":
+    drawn_by_place = people.on_arrival == "new_goal" and people.leg_from == "position"
+    if drawn_by_place and not has_routes(scenario):
         return (
             "pedestrians.leg_from: 'position': where people go depends on where the robot has "
             "pushed them; allowed: 'goal'"
@@ -164,56 +223,48 @@ def _simulate(
             velocity = people.velocity.copy()
         position.append(people.position.copy())
         goal.append(people.goal.copy())
-    return _Walks(np.array(position), np.array(goal), people.speed.copy(), velocity)
+    return _Walks.of_states(
+        np.array(position),
+        np.array(goal),
+        people.speed.copy(),
+        velocity,
+        scenario.control_period,
+    )
 
 
 def _shift(walks: _Walks, without: _Walks) -> Shift:
-    count = len(without.speed)
-    if not count:
+    people = range(len(without.speed))
+    if not people:
         return Shift(np.nan, np.nan, np.nan, np.nan)
-    walked, freely = (
-        np.linalg.norm(np.diff(twin.position, axis=0), axis=2).sum(axis=0)
-        for twin in (walks, without)
-    )
-    behind = np.array([_behind(_legs(walks, p), _legs(without, p)) for p in range(count)])
+    behind = np.array([_behind(walks.of(p), without.of(p)) for p in people])
     moves = without.speed > 0
     apart = np.linalg.norm(walks.position - without.position, axis=2)
+    # Who has entered anew in one twin is nowhere near the same person in the other.
+    apart[walks.entries != without.entries] = np.nan
+    there = np.isfinite(apart).any(axis=1)
     return Shift(
         delay=_mean(behind[moves] / without.speed[moves]),
-        detour=_mean(walked + behind - freely),
-        displacement=float(apart.mean(axis=1).max()),
+        detour=_mean(walks.way[-1] + behind - without.way[-1]),
+        displacement=float(np.nanmean(apart[there], axis=1).max()),
         compared=float(np.mean(np.isfinite(behind))),
     )
 
 
-def _legs(twin: _Walks, p: int) -> list[_Leg]:
-    """The goals of a person in their order; the last leg ends where the time does."""
-    goals, places = twin.goal[:, p], twin.position[:, p]
-    # A goal of a state was chosen in the state before.
-    changes = np.flatnonzero(np.any(goals[1:] != goals[:-1], axis=1))
-    ends = [*changes.tolist(), len(goals) - 1]
-    return [_Leg(goals[end], places[end]) for end in ends]
+def _behind(one: _Walk, other: _Walk) -> float:
+    """How much farther the other has come along its way to the goals that both have had [m].
 
-
-def _behind(one: list[_Leg], other: list[_Leg]) -> float:
-    """How much farther ``one`` still has to go to the goals that both have [m].
-
-    NaN where they have other goals, or where a goal that only one of them has had so far was given
-    up before it was reached.
+    That is what is left of the other's way from the place on it that is nearest to where ``one``
+    ends, on the same leg; less the same the other way round. NaN where goals differ.
     """
-    if len(one) > len(other):
-        return -_behind(other, one)
-    last = len(one) - 1
-    if any(not np.array_equal(a.goal, b.goal) for a, b in zip(one, other, strict=False)):
+    shared = min(len(one.goals), len(other.goals))
+    if not np.array_equal(one.goals[:shared], other.goals[:shared]):
         return np.nan
-    done = other[last:-1]
-    if any(math.dist(leg.goal, leg.end) >= ARRIVAL for leg in done):
-        return np.nan
-    way = math.dist(one[last].goal, one[last].end)
-    # What the other has walked of the goals since: its legs end near a goal, not in it.
-    for leg, following in zip(done, other[last + 1 :], strict=True):
-        way += math.dist(following.goal, leg.end) - math.dist(leg.goal, leg.end)
-    return way - math.dist(other[-1].goal, other[-1].end)
+    left = 0.0
+    for sign, here, there in ((1.0, one, other), (-1.0, other, one)):
+        leg = len(here.goals) - 1
+        if leg < len(there.goals):
+            left += sign * (there.way[-1] - there.nearest(leg, here.places[-1]))
+    return float(left)
 
 
 def _mean(values: Array) -> float:

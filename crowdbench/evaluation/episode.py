@@ -88,6 +88,7 @@ class Episode:
         pedestrian_intent: (T + 1, P) index into ``crowdbench.simulation.contact.INTENTS``, hidden
             from the robot.
         pedestrian_switch_time: (T + 1, P) when the leg is interrupted [s]; inf for kept legs.
+        pedestrian_group: (P,) the group that each walks with, -1 for none.
         pedestrian_queue: (P,) the queue that each belongs to, -1 for none.
         pedestrian_place: (T + 1, P) place in it, from 0, -1 for somebody who is somewhere else.
         pedestrian_stop_time, pedestrian_stop_end: (T + 1, P) when the pedestrian stops on this leg
@@ -129,6 +130,7 @@ class Episode:
     pedestrian_goal: NDArray[np.float64]
     pedestrian_intent: NDArray[np.int64]
     pedestrian_switch_time: NDArray[np.float64]
+    pedestrian_group: NDArray[np.int64]
     pedestrian_queue: NDArray[np.int64]
     pedestrian_place: NDArray[np.int64]
     pedestrian_stop_time: NDArray[np.float64]

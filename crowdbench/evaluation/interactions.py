@@ -63,6 +63,29 @@ def clearance(
     return np.asarray(np.maximum(np.hypot(beyond_end, beyond_side) - pedestrian_radius, 0.0))
 
 
+def hull_distance(robot_position: Array, people: Array) -> Array:
+    """Distance from the robot's centre to the convex hull of the centres of some people.
+
+    Args:
+        robot_position: (N, 2) [m].
+        people: (N, M, 2), at least two [m].
+
+    Returns:
+        (N,) [m]; 0 inside.
+    """
+    offset = people - robot_position[:, None]
+    first, second = np.triu_indices(people.shape[1], 1)
+    begin, edge = offset[:, first], offset[:, second] - offset[:, first]
+    length2 = np.sum(edge**2, axis=2)
+    share = -np.sum(begin * edge, axis=2) / np.where(length2 > 0, length2, 1.0)
+    nearest = begin + np.clip(share, 0.0, 1.0)[..., None] * edge
+    distance = np.linalg.norm(nearest, axis=2).min(axis=1)
+    # Inside, people are all around: no gap between neighbouring directions is half a turn.
+    angles = np.sort(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
+    gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
+    return np.where(gaps.max(axis=1) < np.pi, 0.0, distance)
+
+
 def time_to_collision(offset: Array, relative_velocity: Array, reach: Array) -> Array:
     """Time until two discs touch if both keep their velocity.
 

@@ -127,6 +127,9 @@ _BUILT_IN = {
     "personal_space_share": _share_of_steps(
         social.personal_space_share, "within 1.2 m of a pedestrian, surfaces"
     ),
+    "group_space_share": _share_of_steps(
+        social.group_space_share, "among the people of a group that is together"
+    ),
     "time_in_scene": Metric(
         navigation.time_in_scene, "s", "lower", "time until the end, however it came", "mean",
         digits=1,

@@ -253,6 +253,7 @@ def _episode(log: _Log, source: Source, label: str, states: Sequence[State]) -> 
         pedestrian_goal=arrays["pedestrian_goal"],
         pedestrian_intent=arrays["pedestrian_intent"],
         pedestrian_switch_time=arrays["pedestrian_switch_time"],
+        pedestrian_group=states[0]["pedestrian_group"],
         pedestrian_queue=states[0]["pedestrian_queue"],
         pedestrian_place=arrays["pedestrian_place"],
         pedestrian_stop_time=arrays["pedestrian_stop_time"],

@@ -15,14 +15,14 @@ def arena_picture(scenario: Scenario, seed: int, steps: int) -> NDArray[np.uint8
     """(H, W, 3) the arena, without the margin, after some steps straight on."""
     from crowdbench.simulation.canvas import View
     from crowdbench.simulation.env import CrowdEnv
+    from crowdbench.simulation.rendering import Renderer
 
-    env = CrowdEnv(scenario, render_mode="rgb_array")
-    env.reset(seed=seed)
-    picture = env.render()
+    env, renderer = CrowdEnv(scenario), Renderer(scenario, "rgb_array")
+    seen, _ = env.reset(seed=seed)
     for _ in range(steps):
-        env.step(dict.fromkeys(env.agents, (SPEED, 0.0)))
-        picture = env.render()
-    env.close()
+        renderer.follow(env.state())
+        seen, *_ = env.step(dict.fromkeys(env.agents, (SPEED, 0.0)))
+    picture = renderer.draw(env.state(), {name: one["lidar"] for name, one in seen.items()})
     assert picture is not None
     view = View(scenario.arena.length, scenario.arena.width)
     across, up = (round(view.scale * side) for side in (view.length, view.width))

@@ -13,13 +13,10 @@ distance that the path must keep from the core.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from crowdbench.simulation.rounding import atan2
 
@@ -123,7 +120,7 @@ def _path_among(
     centre, radius = centre[distinct], radius[distinct]
 
     tail, tail_turn, head, head_turn, lines = _tangents(centre, radius)
-    free = _keeping_clear(_line_gaps, lines, cores, reach)
+    free = _clear_lines(lines, cores, reach)
     tail, tail_turn, head, head_turn = tail[free], tail_turn[free], head[free], head_turn[free]
     lines = _Lines(lines.begin[free], lines.end[free])
 
@@ -138,13 +135,17 @@ def _path_among(
     turn = np.concatenate([tail_turn, head_turn])[on_circle]
     point = np.concatenate([lines.begin, lines.end])[on_circle]
     first, second, arcs = _arcs_between(circle, turn, point, centre, radius)
-    free = _keeping_clear(_arc_gaps, arcs, cores, reach)
+    free = _clear_arcs(arcs, cores, reach)
     arcs = _Arcs(*(part[free] for part in arcs))
 
     begin = np.concatenate([leave, node[first[free]]])
     end = np.concatenate([arrive, node[second[free]]])
     length = np.concatenate([_lengths(lines), arcs.radius * arcs.sweep])
     size = 2 + 2 * count
+    # Half a second to import, in every process that loads this module and mostly needs no detour.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
     distance, previous = dijkstra(
         csr_array((length, (begin, end)), shape=(size, size)), indices=0, return_predecessors=True
     )
@@ -239,25 +240,46 @@ def _enters(gaps: Array, reach: Array) -> NDArray[np.bool_]:
     return np.any(gaps < reach - _TOLERANCE, axis=0)
 
 
-def _keeping_clear(
-    gaps: Callable[[Any, Array], Array], pieces: Any, cores: Array, reach: Array
-) -> NDArray[np.int64]:
-    """Indices of the lines or arcs that come too near to no core.
+def _clear_lines(lines: _Lines, cores: Array, reach: Array) -> NDArray[np.int64]:
+    """Indices of the lines that come too near to no core.
 
-    Most enter one of the first cores, and need not be compared with the rest.
+    Most enter one of the first cores, and need not be compared with the rest; nor with one whose
+    surroundings they do not touch.
     """
-    kept = np.arange(len(pieces[0]))
-    for begin in range(0, len(cores), _BLOCK):
-        block = slice(begin, begin + _BLOCK)
-        some = type(pieces)(*(part[kept] for part in pieces))
-        kept = kept[~np.any(gaps(some, cores[block]) < reach[block] - _TOLERANCE, axis=1)]
+    kept = np.arange(len(lines.begin))
+    low, high = np.minimum(*lines), np.maximum(*lines)
+    below = np.minimum(cores[:, :2], cores[:, 2:]) - reach[:, None]
+    above = np.maximum(cores[:, :2], cores[:, 2:]) + reach[:, None]
+    for first in range(0, len(cores), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        near = (low[kept, None] <= above[block]) & (high[kept, None] >= below[block])
+        line, core = np.nonzero(near.all(axis=2))
+        at, which = kept[line], first + core
+        gaps = _segment_gaps(lines.begin[at], lines.end[at], cores[which, :2], cores[which, 2:])
+        entered = np.zeros(len(kept), dtype=np.bool_)
+        entered[line[gaps < reach[which] - _TOLERANCE]] = True
+        kept = kept[~entered]
+    return kept
+
+
+def _clear_arcs(arcs: _Arcs, cores: Array, reach: Array) -> NDArray[np.int64]:
+    """The same for arcs."""
+    kept = np.arange(len(arcs.radius))
+    for first in range(0, len(cores), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        some = _Arcs(*(part[kept] for part in arcs))
+        kept = kept[~np.any(_arc_gaps(some, cores[block]) < reach[block] - _TOLERANCE, axis=1)]
     return kept
 
 
 def _line_gaps(lines: _Lines, cores: Array) -> Array:
     """(E, M) distances between lines and core segments [m]."""
     p, q = lines.begin[:, None], lines.end[:, None]
-    a, b = cores[None, :, :2], cores[None, :, 2:]
+    return _segment_gaps(p, q, cores[None, :, :2], cores[None, :, 2:])
+
+
+def _segment_gaps(p: Array, q: Array, a: Array, b: Array) -> Array:
+    """Distances between the segments p-q and a-b [m]; shapes broadcast over (..., 2)."""
     gaps = np.minimum(
         np.minimum(_point_gaps(p, a, b), _point_gaps(q, a, b)),
         np.minimum(_point_gaps(a, p, q), _point_gaps(b, p, q)),

@@ -22,6 +22,8 @@ TTC_LIMIT = 1.0
 INTIMATE_SPACE = 0.45
 PERSONAL_SPACE = 1.2
 """Hall's zones around a person, between surfaces [m]."""
+TOGETHER = 3.0
+"""Nearer than this to the centre of their group, people are together [m]."""
 SEVERE_GAP = 1.0
 """A cut-off with a shorter gap is severe [s]."""
 
@@ -96,6 +98,20 @@ def intimate_space_share(episode: Episode) -> float:
 def personal_space_share(episode: Episode) -> float:
     """Share of steps with a pedestrian's surface nearer than 1.2 m."""
     return mean(np.any(episode.clearance[1:] < PERSONAL_SPACE, axis=1))
+
+
+def group_space_share(episode: Episode) -> float:
+    """Share of steps in which the robot is among the people of a group; NaN without groups."""
+    among = np.zeros(episode.steps, dtype=np.bool_)
+    groups = np.unique(episode.pedestrian_group[episode.pedestrian_group >= 0])
+    if not len(groups):
+        return math.nan
+    for group in groups:
+        people = episode.pedestrian_position[1:, episode.pedestrian_group == group]
+        gap = interactions.hull_distance(episode.robot_pose[1:, :2], people)
+        far = np.linalg.norm(people - people.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        among |= (gap < math.hypot(*episode.footprint) / 2) & (far < TOGETHER)
+    return mean(among)
 
 
 def social_work(episode: Episode) -> float:

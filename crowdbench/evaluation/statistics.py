@@ -267,18 +267,20 @@ def compare(a: pd.DataFrame, b: pd.DataFrame, metrics: Sequence[str] | None = No
 
 
 def defined_pairs(
-    metric: str, one: pd.DataFrame, other: pd.DataFrame
+    metric: str,
+    one: Mapping[str, ArrayLike] | pd.DataFrame,
+    other: Mapping[str, ArrayLike] | pd.DataFrame,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The values of two tables with the same seeds where both are defined, (n,) each.
+    """The values of two tables (of columns) with the same seeds where both are defined, (n,) each.
 
     Those of a weighted metric are linearised.
     """
-    x, y = one[metric].to_numpy(dtype=float), other[metric].to_numpy(dtype=float)
+    x, y = (np.asarray(table[metric], dtype=float) for table in (one, other))
     weight = _weight(metric)
     if not weight:
         both = ~(np.isnan(x) | np.isnan(y))
         return x[both], y[both]
-    u, w = one[weight].to_numpy(dtype=float), other[weight].to_numpy(dtype=float)
+    u, w = (np.asarray(table[weight], dtype=float) for table in (one, other))
     both = ~(np.isnan(x) | np.isnan(y)) & (u > 0) & (w > 0)
     return linearised(x[both], u[both]), linearised(y[both], w[both])
 

@@ -24,13 +24,15 @@ def _too_many(scenario: Scenario) -> str:
             f"pedestrians.queues: take {queueing} people, one more than stand in each; "
             f"allowed: {people.count} (pedestrians.count)"
         )
-    standing = round(people.standing * people.count)
-    if queueing + standing > people.count:
-        return (
-            f"pedestrians.standing: {standing} of pedestrians.count {people.count} people, beside "
-            f"{queueing} of queues; allowed: a share of "
-            f"{(people.count - queueing) / people.count:g} at most"
-        )
+    left = people.count - queueing
+    for field, share in (("standing", people.standing), ("groups.share", people.groups.share)):
+        taken = round(share * people.count)
+        if taken > left:
+            return (
+                f"pedestrians.{field}: {taken} of pedestrians.count {people.count} people, where "
+                f"all but {left} are in queues or stand; allowed: <= {left / people.count:.3g}"
+            )
+        left -= taken
     return ""
 
 

@@ -21,7 +21,7 @@ from crowdbench.scenario.fields import (
     Whole,
     known,
 )
-from crowdbench.scenario.habits import Attention, Queue, Stops
+from crowdbench.scenario.habits import Attention, Groups, Queue, Stops
 from crowdbench.scenario.recorded import MOST, Recording
 from crowdbench.scenario.streams import MOST_STREAMS, Streams
 
@@ -98,6 +98,7 @@ class Pedestrians(Section):
     standing: Share = later(
         0.0, "0.2", description="share of the people that stand in a place of their own"
     )
+    groups: Groups = later(Groups(), "0.2", description="people who walk together")
     queues: Annotated[tuple[Queue, ...], Form("a list of queues")] = later(
         (), "0.2", max_length=20, description="lines of people who wait to be served"
     )

@@ -69,7 +69,7 @@ def completed(scenario: Scenario) -> dict[str, Any]:
         raise ValueError("pedestrians.recording: missing; allowed: the path of a recording")
     if people.control != "scripted":
         raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
-    for field in ("acceleration", "stops", "standing", "queues"):
+    for field in ("acceleration", "stops", "standing", "queues", "groups"):
         if getattr(people, field) != type(people).model_fields[field].default:
             raise ValueError(
                 f"pedestrians.{field}: allowed with pedestrians.model 'recorded': its default"

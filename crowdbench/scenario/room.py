@@ -56,6 +56,11 @@ def misfit(scenario: Scenario) -> str:
             return (
                 f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {_up(needed):g}"
             )
+    if robots.latency >= scenario.max_steps:
+        return (
+            f"robots.latency: {robots.latency} control periods, and time_limit is over after "
+            f"{scenario.max_steps}; allowed: <= {scenario.max_steps - 1}"
+        )
     for axis, offset, side in zip("xy", scenario.lidar.mount, ("length", "width"), strict=False):
         half = getattr(robots, side) / 2
         if abs(offset) > half + _ROUNDING:

@@ -161,6 +161,7 @@ from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
 from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.routes import routes_of
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import World
@@ -250,7 +251,7 @@ class CrowdEnv(ParallelEnv):
         self.state_space = observations.state_space(scenario)
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
-        places_of(scenario)
+        places_of(scenario), routes_of(scenario)  # what they refuse
         self._low, self._high = drive.low, drive.high
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None

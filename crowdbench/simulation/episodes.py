@@ -17,6 +17,7 @@ from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lanes import RUNNING, TIMEOUT
 from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.routes import routes_of
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.substeps import check_speeds
 from crowdbench.simulation.world import Lane
@@ -94,7 +95,7 @@ class Episodes:
                     f"{scenario.pedestrians.control!r}; allowed in lanes: 'scripted'"
                 )
             check_speeds(scenario, make_drive(scenario), scenario.pedestrians.speed[1])
-            places_of(scenario)
+            places_of(scenario), routes_of(scenario)  # what they refuse
         self.scenarios = list(scenarios)
         self.count, self.robots = int(count), scenarios[0].robots.count
         self.over = np.ones(count, dtype=np.bool_)

@@ -29,7 +29,7 @@ from crowdbench.simulation.pedestrians import (
     look,
 )
 from crowdbench.simulation.routes import Network, Regions
-from crowdbench.simulation.ways import lengths_to, next_point, sees
+from crowdbench.simulation.ways import SQUEEZED, lengths_to, next_point, sees
 
 ENTRY_GAP = 0.1
 """Least gap to others with which a person enters [m]."""
@@ -150,7 +150,7 @@ def _is_due(person, walk, world, network, regions):  # type: ignore[no-untyped-d
         _set_out(person, walk, world.time, network)
         return False
     dx, dy = walk.stops[stage, 0] - x, walk.stops[stage, 1] - y
-    reached = math.hypot(dx, dy) < ARRIVAL
+    reached = person.arrived or math.hypot(dx, dy) < ARRIVAL
     if stage < walk.last:
         if reached or _is_within(regions.streams[walk.stream, 3 + stage], x, y, regions):
             walk.stage += 1
@@ -339,6 +339,7 @@ def _enter(person, walk, calls):  # type: ignore[no-untyped-def]
     person.position[0], person.position[1] = x, y
     set_vector(calls[SET_POSITION], person.body, x, y)
     walk.waiting = 0
+    person.entered = True
 
 
 @compiled()
@@ -355,7 +356,7 @@ def _prefer(person, walk, period, network):  # type: ignore[no-untyped-def]
         at += 1
     if at == walk.at:
         at_x, at_y = walk.points[at, 0], walk.points[at, 1]
-        if not sees(x, y, at_x, at_y, cores, reach, network.walkable) or (
+        if not sees(x, y, at_x, at_y, cores, reach, SQUEEZED) or (
             at + 1 == walk.count and not walk.whole
         ):
             _plan(x, y, walk, network)

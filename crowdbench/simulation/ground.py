@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from crowdbench.scenario import Arena
 from crowdbench.scenario.places import Point, Region, corners
@@ -87,6 +86,8 @@ class Ground:
 
         A passage counts as wide enough if it is so but for a cell's side.
         """
+        from scipy import ndimage  # here, since few scenarios have regions
+
         labels, _ = ndimage.label(self.gap >= radius)
         return np.asarray(labels, dtype=np.int32)
 
@@ -103,6 +104,16 @@ class Ground:
         near_x = np.abs(self._x - point[0]) <= self.side
         near_y = np.abs(self._y - point[1]) <= self.side
         return near_x & near_y[:, None]
+
+    def holds(self, mask: Mask, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(K,) whether places (K, 2) [m] lie in cells of a mask."""
+        column = np.floor((places[:, 0] - self.bounds[0]) / self.side).astype(np.int64)
+        row = np.floor((places[:, 1] - self.bounds[1]) / self.side).astype(np.int64)
+        rows, columns = mask.shape
+        known = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        found = np.zeros(len(places), dtype=np.bool_)
+        found[known] = mask[row[known], column[known]]
+        return found
 
     def spots(self, mask: Mask) -> Spots:
         """Where places in the cells of a mask are drawn."""

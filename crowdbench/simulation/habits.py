@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Pedestrians
+from crowdbench.simulation.chipmunk import FUNCTIONS
 from crowdbench.simulation.draws import ATTENTION, STOPS, between
+from crowdbench.simulation.group_entry import bring_along
+from crowdbench.simulation.groups import begin_groups, keep_together
 from crowdbench.simulation.lanes import State
 from crowdbench.simulation.layout import Layout
 from crowdbench.simulation.motion import limit_changes
@@ -63,6 +66,7 @@ def begin_habits(
         people["attention_time"][p] = first * longest
     _stand(people, traits.standing, traits.facing)
     begin_queues(people, queues, traits, settings)
+    begin_groups(people, traits.group)
 
 
 def _stand(people: NDArray[np.void], who: NDArray[np.bool_], facing: NDArray[np.float64]) -> None:
@@ -115,8 +119,8 @@ def stop(lanes: NDArray[np.int64], worlds: NDArray[np.void], people: NDArray[np.
         world = worlds[lanes[i]]
         for p in range(world.people):
             person = people[lanes[i], p]
-            if person.deadline == math.inf:
-                continue  # on no leg
+            if person.deadline == math.inf or 0 <= person.leader != p:
+                continue  # on no leg, or on that of a group
             if person.deadline != person.stop_leg:  # every leg has another
                 _plan_stop(person, world)
             if person.stop_time <= world.time < person.stop_end:
@@ -148,6 +152,16 @@ BEFORE_LEGS: Sequence[Habit] = (
 BEFORE_CHOICE: Sequence[Habit] = (
     Habit(lambda people: people.stops.share > 0, lambda lanes, s: stop(lanes, s.worlds, s.people)),
     Habit(
+        lambda people: people.groups.share > 0 and len(people.streams) > 0,
+        lambda lanes, s: bring_along(
+            lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, FUNCTIONS
+        ),
+    ),
+    Habit(
+        lambda people: people.groups.share > 0,
+        lambda lanes, s: keep_together(lanes, s.worlds, s.people, s.obstacles, s.walls),
+    ),
+    Habit(
         lambda people: people.attention.away_share > 0,
         lambda lanes, s: attend(lanes, s.worlds, s.people, s.sees),
     ),
@@ -167,17 +181,20 @@ class HabitLanes:
 
     def __init__(self) -> None:
         """No lane has any."""
-        self._lanes: dict[Habit, set[int]] = {
-            habit: set() for habit in (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)
-        }
+        self._lanes = {habit: set[int]() for habit in (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)}
+        self._none = True
 
     def note(self, lane: int, people: Pedestrians) -> None:
         """Take note of what a lane has from now on."""
         for habit, lanes in self._lanes.items():
             (lanes.add if habit.has(people) else lanes.discard)(lane)
+        self._none = not any(self._lanes.values())
 
     def act(self, habits: Sequence[Habit], lanes: Lanes, state: State) -> None:
         """Do what is to be done in those of the lanes that have these habits."""
+        if self._none:
+            return
+        chosen = lanes.tolist()
         for habit in habits:
-            if having := self._lanes[habit].intersection(lanes.tolist()):
+            if having := self._lanes[habit].intersection(chosen):
                 habit.act(np.array(sorted(having)), state)

@@ -121,8 +121,8 @@ class Differential(Drive):
 
     def travel(self, heading: float, velocity: Velocity) -> tuple[float, float, float]:
         """Along the heading with v."""
-        x, y, speed = travel(DIFFERENTIAL, heading, velocity[0], velocity[1])
-        return x, y, speed
+        # As ``travel`` does, which would be compiled by itself for this alone.
+        return math.cos(heading), math.sin(heading), velocity[0]
 
 
 class Omnidirectional(Drive):

@@ -70,6 +70,8 @@ WORLD = np.dtype(
         ("switch_probability", _REAL),  # 0 where goals are unimodal
         ("leg", _REAL),
         ("from_goal", _FLAG),  # legs start from the last goal
+        ("centre", _REAL, 2),  # of the area
+        ("entry_gap", _REAL),  # from a robot's centre to those who enter a stream
         ("attentive_for", _REAL, 2),  # how long those who look away at times look around
         ("away_for", _REAL, 2),
         ("stop_share", _REAL),  # of the legs
@@ -141,6 +143,11 @@ PERSON = np.dtype(
         ("stop_end", _REAL),
         ("stop_leg", _REAL),  # deadline of the leg that these belong to
         ("stops", _WHOLE),  # legs so far, stops or none
+        ("group", _WHOLE),  # -1 for none
+        ("leader", _WHOLE),  # of the group, its first; -1 for none
+        ("arrived", _FLAG),  # somebody of the group that this person leads
+        ("entered", _FLAG),  # in a stream anew, and not all of its group yet
+        ("along", _REAL, 2),  # unit vector along which the group of a leader walks
         ("queue", _WHOLE),  # that the person belongs to, -1 for none
         ("place", _WHOLE),  # in it, from 0, -1 while the person is somewhere else
         ("served_time", _REAL),  # when the first one leaves, inf before it is served
@@ -266,6 +273,8 @@ def world_of(scenario: Scenario, drive: Drive, kind: int) -> NDArray[np.void]:
         "switch_probability": people.switch_probability if people.goals == "multimodal" else 0.0,
         "leg": people.leg,
         "from_goal": people.leg_from == "goal",
+        "centre": np.array(arena.centre),
+        "entry_gap": robot_radius(robots) + people.spawn_clearance,
         "attentive_for": np.array(people.attention.every),
         "away_for": np.array(people.attention.away_for),
         "stop_share": people.stops.share,

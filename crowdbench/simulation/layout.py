@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario import NoRoomError, Scenario
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation import streams
+from crowdbench.simulation.group_layout import place_together
 from crowdbench.simulation.map_layout import (
     WALL_CLEARANCE,
     CrowdedError,
@@ -135,15 +137,30 @@ def _attempt(
     fixed = len(taken)
     order = np.arange(len(lines), people.count)
     stage = np.zeros(people.count, dtype=np.int64)
-    if routes is not None:  # those in streams first
+    grouped = bool((traits.group >= 0).any())
+    if routes is not None and not grouped:  # those in streams first
         order = order[np.argsort(routes.member[order] < 0, kind="stable")]
     taken = np.vstack([taken, np.repeat(traits.radius[order, None], 3, axis=1)])
-    placed = 0 if routes is None else spread(rng, routes, order, taken, fixed, stage)
     half = np.array([scenario.arena.length, scenario.arena.width]) / 2 - people.radii[1]
-    if places is None:
-        placed += _place_discs(rng, half, taken, fixed + placed)
+
+    def place_anywhere(discs: NDArray[np.float64], first: int) -> int:
+        if places is None:
+            return _place_discs(rng, half, discs, first)
+        return places.place_people(rng, discs, first)
+
+    def place_one(discs: NDArray[np.float64], first: int) -> int:
+        who = order[first - fixed : first - fixed + 1]
+        if routes is None or routes.member[who[0]] < 0:
+            return place_anywhere(discs, first)
+        return spread(rng, routes, who, discs, first, stage)
+
+    if grouped:
+        is_free = places.are_beside if places else partial(_are_within, half)
+        placed = place_together(rng, traits.group[order], taken, fixed, place_one, is_free)
+        stage = stage[traits.first]
     else:
-        placed += places.place_people(rng, taken, fixed + placed)
+        placed = 0 if routes is None else spread(rng, routes, order, taken, fixed, stage)
+        placed += place_anywhere(taken, fixed + placed)
     placed += len(lines)
     if placed < people.count:
         raise CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
@@ -153,6 +170,13 @@ def _attempt(
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
     return Layout(pose, goal, obstacles, walls, position, reactive, stage, traits)
+
+
+def _are_within(
+    half: NDArray[np.float64], _place: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(K,) whether places (K, 2) lie within +/- half (2,) [m]."""
+    return np.asarray((np.abs(others) <= half).all(axis=1))
 
 
 def _place_robots(

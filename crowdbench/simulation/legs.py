@@ -14,20 +14,27 @@ from crowdbench.simulation.pedestrians import begin_legs, decide
 from crowdbench.simulation.routes import Routes
 
 
-def begin(lane: int, state: State, stage: NDArray[np.int64], routes: Routes | None) -> None:
+def begin(
+    lane: int,
+    state: State,
+    stage: NDArray[np.int64],
+    first: NDArray[np.int64],
+    routes: Routes | None,
+) -> None:
     """Begin the first leg of everybody in a lane.
 
     Args:
         lane: which; its people have places and draws.
         state: of all lanes.
         stage: (P,) regions on the way of its stream that each has passed.
+        first: (P,) the person with whom each walks, itself or the first of its group.
         routes: of the lane's scenario.
     """
     if routes is None:
         begin_legs(lane, state.worlds, state.people, state.obstacles, state.draws)
         return
     walks = state.walks[lane, : len(stage)]
-    walks["stream"], walks["stage"], walks["waiting"] = routes.member, stage, 0
+    walks["stream"], walks["stage"], walks["waiting"] = routes.member[first], stage, 0
     begin_routes(
         lane,
         state.worlds,

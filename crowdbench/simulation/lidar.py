@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.simulation.rounding import sum_of_products
 
-TWO_PI = 2 * np.pi
+TWO_PI = 2 * math.pi
 
 
 def beam_table(angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -16,7 +18,7 @@ def beam_table(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([np.cos(angles), np.sin(angles), angles])
 
 
-@compiled()
+@compiled(inline="always")
 def cast_rays(
     pose: NDArray[np.float64],
     beams: NDArray[np.float64],
@@ -44,7 +46,7 @@ def cast_rays(
     """
     for i in range(len(out)):  # numpy's forms take numba longer to compile than all the rest
         out[i] = largest
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     for p in range(len(pedestrians)):
         x, y = pedestrians[p, 0] - pose[0], pedestrians[p, 1] - pose[1]
         x, y = cosine * x + sine * y, cosine * y - sine * x
@@ -80,8 +82,8 @@ def _visited(first: float, span: float, turn: int, beams: NDArray[np.float64]) -
     """
     spacing = beams[1, 2] - beams[0, 2] if len(beams) > 1 else TWO_PI
     offset = (first - beams[0, 2]) % TWO_PI - turn * TWO_PI
-    lowest = max(0, int(np.floor(offset / spacing)))
-    return lowest, min(len(beams), int(np.ceil((offset + span) / spacing)) + 1)
+    lowest = max(0, math.floor(offset / spacing))
+    return lowest, min(len(beams), math.ceil((offset + span) / spacing) + 1)
 
 
 @compiled()
@@ -99,20 +101,20 @@ def _circle(
         for i in range(len(out)):
             out[i] = 0.0
         return
-    distance = np.sqrt(squared)
+    distance = math.sqrt(squared)
     if distance - radius >= largest:
         return
-    half = np.arcsin(radius / distance)
+    half = math.asin(radius / distance)
     for turn in range(2):
-        lowest, highest = _visited(np.arctan2(y, x) - half, 2 * half, turn, beams)
+        lowest, highest = _visited(math.atan2(y, x) - half, 2 * half, turn, beams)
         for i in range(lowest, highest):
             along = x * beams[i, 0] + y * beams[i, 1]
             inside = along * along - squared + radius * radius
             if inside >= 0.0 and along > 0.0:
-                out[i] = min(out[i], along - np.sqrt(inside))
+                out[i] = min(out[i], along - math.sqrt(inside))
 
 
-@compiled()
+@compiled(inline="always")
 def _segment(
     x1: float,
     y1: float,
@@ -126,8 +128,8 @@ def _segment(
     if turn_area < 0.0:
         x1, y1, x2, y2, turn_area = x2, y2, x1, y1, -turn_area
     dx, dy = x2 - x1, y2 - y1
-    first = np.arctan2(y1, x1)
-    span = (np.arctan2(y2, x2) - first) % TWO_PI
+    first = math.atan2(y1, x1)
+    span = (math.atan2(y2, x2) - first) % TWO_PI
     for turn in range(2):
         lowest, highest = _visited(first, span, turn, beams)
         for i in range(lowest, highest):
@@ -145,7 +147,7 @@ def footprint_segments(
     pose: NDArray[np.float64], length: float, width: float
 ) -> NDArray[np.float64]:
     """(4, 4) edges of a rectangular footprint at ``pose`` (x, y [m], heading [rad])."""
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     edges = np.empty((4, 4))
     for k in range(4):
         x = length / 2 if k in (0, 3) else -length / 2

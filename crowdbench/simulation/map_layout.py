@@ -41,6 +41,7 @@ class Places:
         walls: (S, 4) x1, y1, x2, y2 [m].
         ways: of a robot among the walls, at a distance of ``robot_clearance``.
         starts, goals, people, obstacles: where each may be.
+        room: cells in which people have room.
     """
 
     scenario: Scenario
@@ -51,6 +52,7 @@ class Places:
     goals: Spots
     people: Spots
     obstacles: Spots
+    room: Mask
 
     def draw_robots(
         self, rng: np.random.Generator, avoided: NDArray[np.float64]
@@ -114,6 +116,20 @@ class Places:
         """
         return _place_discs(rng, self.people, discs, fixed)
 
+    def are_beside(
+        self, place: NDArray[np.float64], others: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """(K,) whether people have room at places (K, 2), with no wall between these and one (2,).
+
+        All in [m].
+        """
+        free = self.ground.holds(self.room, others)
+        first, last = self.walls[:, :2] - place, self.walls[:, 2:] - place
+        to = (others - place)[:, None]
+        side = _cross(to, first) * _cross(to, last)
+        along = _cross(last - first, -first) * _cross(last - first, to - first)
+        return free & ~((side <= 0) & (along <= 0)).any(axis=1)
+
 
 def robot_clearance(scenario: Scenario) -> float:
     """Least distance of a robot's centre from walls on its route [m]."""
@@ -142,7 +158,7 @@ def places_of(scenario: Scenario) -> Places | None:
     beside = scenario.obstacles.radius[1] + passage(robots)
     walls = walls_of(scenario)
     ground = Ground(scenario.arena, walls, max(at_goal, people.radii[1], beside))
-    ways = Ways(walls, np.empty((0, 3)), clearance)
+    ways = Ways(walls, np.empty((0, 3)), clearance, scenario.arena.bounds)
     starts = _room_for(scenario, ground, ways, "start", robots.start, clearance)
     goals = _room_for(scenario, ground, ways, "goal", robots.goal, at_goal)
     areas = ground.connected(clearance)
@@ -175,6 +191,7 @@ def places_of(scenario: Scenario) -> Places | None:
         goals=last,
         people=ground.spots(room),
         obstacles=ground.spots(ground.free(beside)),
+        room=room,
     )
     _recent.append(places)
     return places
@@ -227,6 +244,10 @@ def _apart(place: NDArray[np.float64], others: NDArray[np.float64], gap: float) 
     """Whether a place (2,) is at least ``gap`` [m] from all others (N, 2)."""
     dx, dy = (others - place).T
     return bool((np.sqrt(dx * dx + dy * dy) > gap).all())
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _is_clear(place: NDArray[np.float64], discs: NDArray[np.float64]) -> bool:

@@ -83,7 +83,7 @@ def limit_changes(
                 person.chosen[1] = person.velocity[1] + most / change * y
 
 
-@compiled()
+@compiled(inline="always")
 def _set_off(world, commands, robots, people):  # type: ignore[no-untyped-def]
     """Take the commands as far as the drive follows them; the fastest body's speed [m/s]."""
     fastest = 0.0
@@ -103,7 +103,7 @@ def _set_off(world, commands, robots, people):  # type: ignore[no-untyped-def]
     return fastest
 
 
-@compiled()
+@compiled(inline="always")
 def _advance(world, robots, people, calls):  # type: ignore[no-untyped-def]
     """Take all physics steps of a lane's control period, and read where everybody is."""
     set_number(calls[SET_BIAS], world.space, world.bias)

@@ -94,7 +94,7 @@ def orca_velocities(
     )
 
 
-@compiled()
+@compiled(inline="always")
 def orca_velocities_with(
     agent_horizon: float,
     static_horizon: float,
@@ -206,7 +206,7 @@ def _disc_line(dx, dy, vx, vy, ux, uy, reach, horizon, step, share, line):  # ty
     line[0], line[1] = vx + share * cx, vy + share * cy
 
 
-@compiled()
+@compiled(inline="always")
 def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ignore[no-untyped-def]
     """Half-plane of a wall (section 5.3: static obstacles, with optimisation velocity 0).
 
@@ -237,7 +237,7 @@ def _wall_line(x, y, wall, radius, horizon, step, max_speed, line):  # type: ign
     return True
 
 
-@compiled()
+@compiled(inline="always")
 def _on_line(lines, i, max_speed, wx, wy, as_direction):  # type: ignore[no-untyped-def]
     """Best permitted velocity on line i given lines 0..i-1: (feasible, x, y)."""
     px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
@@ -290,7 +290,7 @@ def _nearest_velocity(lines, count, max_speed, wx, wy, as_direction):  # type: i
     return count, x, y
 
 
-@compiled()
+@compiled(inline="always")
 def _least_violation(lines, count, static, begin, max_speed, x, y, projected):  # type: ignore[no-untyped-def]
     """Velocity whose largest violation of a moving neighbour's half-plane is least.
 

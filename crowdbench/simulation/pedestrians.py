@@ -73,7 +73,9 @@ def decide(
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
             if world.time >= person.switch_time:
                 _aim(person, person.next_goal[0], person.next_goal[1], world.time)
-            elif person.walks_on and (math.hypot(x, y) < ARRIVAL or world.time >= person.deadline):
+            elif person.walks_on and (
+                person.arrived or math.hypot(x, y) < ARRIVAL or world.time >= person.deadline
+            ):
                 _begin_leg(person, world, obstacles[lane], draws[lane, p])
                 exhausted = exhausted or person.drawn == LEGS_AHEAD
             x, y = person.goal[0] - person.position[0], person.goal[1] - person.position[1]
@@ -106,7 +108,7 @@ def _begin_leg(person, world, obstacles, draws):  # type: ignore[no-untyped-def]
     person.switch_time = world.time + when * _free_walk(person)
 
 
-@compiled()
+@compiled(inline="always")
 def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
     """Head for a goal that will be kept."""
     person.start[0], person.start[1] = person.position[0], person.position[1]
@@ -117,7 +119,7 @@ def _aim(person, x, y, time):  # type: ignore[no-untyped-def]
     person.deadline = time + PATIENCE * _free_walk(person) + 5.0
 
 
-@compiled()
+@compiled(inline="always")
 def _free_walk(person):  # type: ignore[no-untyped-def]
     """Seconds that the leg takes when nobody is in the way."""
     x, y = person.goal[0] - person.start[0], person.goal[1] - person.start[1]
@@ -153,7 +155,7 @@ def _first_fit(leg, begin, x, y, world, obstacles):  # type: ignore[no-untyped-d
     return best_x, best_y
 
 
-@compiled()
+@compiled(inline="always")
 def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
     """Turn the heads of a lane's people who walk, and note who sees which robot."""
     for p in range(world.people):
@@ -169,7 +171,7 @@ def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
                 sees[p, r] = abs(off) <= world.half_view
 
 
-@compiled()
+@compiled(inline="always")
 def preferred_velocity(x, y, speed, period):  # type: ignore[no-untyped-def]
     """Straight to a goal at (x, y) with ``speed``; nobody overshoots a goal within ``period``."""
     distance = math.hypot(x, y)

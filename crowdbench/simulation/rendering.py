@@ -64,13 +64,17 @@ class Renderer:
         """
         if self._closed or (self._window and self._window.closed):
             return None
-        self._trails.add(state)
+        self.follow(state)
         picture = self._paint(state, lidar)
         if self._mode == "rgb_array":
             pixels = self._pygame.surfarray.array3d(picture)
             return np.ascontiguousarray(pixels.transpose(1, 0, 2))
         self._show(picture)
         return None
+
+    def follow(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take note of a state that is not drawn itself: later pictures show trails."""
+        self._trails.add(state)
 
     def close(self) -> None:
         """Close the window, if there is one; nothing is drawn afterwards."""
@@ -106,6 +110,7 @@ class Renderer:
             brush.polygon(np.array(polygon), OBSTACLE)
         _draw_static(brush, state)
         _draw_robot_goals(brush, state, self._spec)
+        _draw_groups(brush, people)
         _draw_pedestrians(brush, people)
         for index, points in scans:
             hits = lidar[f"robot_{index}"] < 0.999 * self._spec.lidar_range
@@ -196,8 +201,10 @@ class _Trails:
                 continue
             fade = 0.35 * (1 - age / PEDESTRIAN_TRAIL)
             pieces = zip(self._pedestrians[step - 1], self._pedestrians[step], strict=True)
-            for (start, end), sees in zip(pieces, _sees(state), strict=True):
-                if np.isfinite(start[0] + end[0]):
+            # Nobody walks farther; who does has left and entered anew.
+            farthest = state["pedestrian_speed"] * (self._times[step] - self._times[step - 1]) + 0.5
+            for (start, end), sees, most in zip(pieces, _sees(state), farthest, strict=True):
+                if np.hypot(*(end - start)) <= most:
                     color = REACTIVE if sees else NONREACTIVE
                     brush.line(start, end, 0.05, _mix(WHITE, color, fade))
         for step in range(1, len(self._times)):
@@ -276,7 +283,7 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
 def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What is known of the pedestrians who are there."""
     there = np.isfinite(state["pedestrian_position"][:, 0])
-    names = ("position", "velocity", "goal", "radius", "reactive", "attentive")
+    names = ("position", "velocity", "goal", "radius", "reactive", "attentive", "group")
     return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
@@ -296,6 +303,13 @@ def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> N
             brush.line(first, last, 0.02, color)
         for diagonal in (np.array([0.1, 0.1]), np.array([0.1, -0.1])):
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
+
+
+def _draw_groups(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
+    """Lines between the people of a group, from one to the next."""
+    group, position = state["pedestrian_group"], state["pedestrian_position"]
+    for p in np.flatnonzero((group[1:] == group[:-1]) & (group[1:] >= 0)).tolist():
+        brush.line(position[p], position[p + 1], 0.05, GREY)
 
 
 def _draw_pedestrians(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,7 +46,7 @@ def judge(
                 _judge_robot(robot, world, collided, position[:count], velocity[:count])
 
 
-@compiled()
+@compiled(inline="always")
 def _judge_robot(robot, world, collided, position, velocity):  # type: ignore[no-untyped-def]
     distance = length(robot.goal[0] - robot.pose[0], robot.goal[1] - robot.pose[1])
     progress = robot.distance - distance
@@ -67,13 +69,13 @@ def _judge_robot(robot, world, collided, position, velocity):  # type: ignore[no
     robot.outcome = COLLISION if collided else SUCCESS if arrived else RUNNING
 
 
-@compiled()
+@compiled(inline="always")
 def goal_term(weights, arrived, progress):  # type: ignore[no-untyped-def]
     """R_goal: a bonus on arrival, otherwise w_1 times the metres gained (``progress``)."""
     return weights.arrival if arrived else weights.progress * progress
 
 
-@compiled()
+@compiled(inline="always")
 def collision_term(weights, collided, nearest):  # type: ignore[no-untyped-def]
     """R_collision: a penalty on contact, otherwise w_2 (1 - d / (r + 1 m)) near obstacles.
 
@@ -87,7 +89,7 @@ def collision_term(weights, collided, nearest):  # type: ignore[no-untyped-def]
     return weights.proximity * max(0.0, 1.0 - nearest / weights.proximity_range)
 
 
-@compiled()
+@compiled(inline="always")
 def social_term(
     position: NDArray[np.float64],
     direction: NDArray[np.float64],
@@ -118,7 +120,7 @@ def social_term(
     cosine, sine = direction[0], direction[1]
     cut, yielded = 0.0, 0.0
     for p in range(len(pedestrian_position)):
-        walk = np.hypot(pedestrian_velocity[p, 0], pedestrian_velocity[p, 1])
+        walk = math.hypot(pedestrian_velocity[p, 0], pedestrian_velocity[p, 1])
         x, y = position[0] - pedestrian_position[p, 0], position[1] - pedestrian_position[p, 1]
         reach = (walk + top_speed) * horizon + radius
         if walk < WALKING or x * x + y * y > reach * reach:
@@ -148,5 +150,5 @@ def _cut_in(
         return 0.0
     squared = forward * forward + across * across
     nearest = min(max(-(ahead * forward + left * across) / squared, 0.0), horizon)
-    distance = np.hypot(ahead + forward * nearest, left + across * nearest)
+    distance = math.hypot(ahead + forward * nearest, left + across * nearest)
     return max(0.0, 1.0 - distance / radius)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import corners
@@ -37,14 +36,12 @@ class Network(NamedTuple):
 
     Attributes:
         nodes, between, cores, reach: of the people's ``Ways``.
-        walkable: share of the reach that a person fills.
     """
 
     nodes: Reals
     between: Reals
     cores: Reals
     reach: Reals
-    walkable: float
 
 
 class Regions(NamedTuple):
@@ -93,14 +90,14 @@ def has_routes(scenario: Scenario) -> bool:
     return scenario.arena.kind == "map" or bool(people.streams)
 
 
-def routes_of(scenario: Scenario) -> Routes:
-    """Of a scenario whose people have routes.
+def routes_of(scenario: Scenario) -> Routes | None:
+    """Of a scenario; None where people need none.
 
     Raises:
         ScenarioError: a region of a stream has no room, or no way leads through its regions; the
             message names the field and what is allowed.
     """
-    return _routes(_Same(scenario))
+    return _routes(_Same(scenario)) if has_routes(scenario) else None
 
 
 class _Same:
@@ -126,6 +123,8 @@ def _routes(same: _Same) -> Routes:
     radius = people.radii[1]
     ground = Ground(arena, walls, radius)
     # What is connected here is wide enough for people for certain, whatever their ways touch.
+    from scipy import ndimage  # here, since few scenarios have routes
+
     areas = np.asarray(ndimage.label(ground.free(radius))[0])
     tables: list[Mask] = []
     outlines: list[Reals] = []
@@ -149,7 +148,6 @@ def _routes(same: _Same) -> Routes:
             between=ways.between,
             cores=ways.cores,
             reach=ways.reach,
-            walkable=radius / float(ways.reach[0]) if len(walls) else 1.0,
         ),
         regions=Regions(
             corner=np.concatenate([spot.corner for spot in spots]),

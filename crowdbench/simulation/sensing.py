@@ -92,7 +92,7 @@ def outline(lanes: NDArray[np.int64], worlds: NDArray[np.void], robots: NDArray[
                     robot.outline[s, column] = edges[s, column]
 
 
-@compiled()
+@compiled(inline="always")
 def _add_outlines(segments, filled, robots, mine):  # type: ignore[no-untyped-def]
     """Add the edges of the other robots that are there; returns how many segments there are."""
     for r in range(len(robots)):
@@ -104,7 +104,7 @@ def _add_outlines(segments, filled, robots, mine):  # type: ignore[no-untyped-de
     return filled
 
 
-@compiled()
+@compiled(inline="always")
 def _proprioception(
     pose: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -115,12 +115,12 @@ def _proprioception(
     """Write velocity (2), goal in the robot frame (2) and odometry since ``origin`` (3)."""
     out[0], out[1] = velocity[0], velocity[1]
     x, y = goal[0] - pose[0], goal[1] - pose[1]
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     out[2], out[3] = cosine * x + sine * y, cosine * y - sine * x
     x, y = pose[0] - origin[0], pose[1] - origin[1]
-    cosine, sine = np.cos(origin[2]), np.sin(origin[2])
+    cosine, sine = math.cos(origin[2]), math.sin(origin[2])
     out[4], out[5] = cosine * x + sine * y, cosine * y - sine * x
-    out[6] = (pose[2] - origin[2] + np.pi) % (2 * np.pi) - np.pi
+    out[6] = (pose[2] - origin[2] + math.pi) % (2 * math.pi) - math.pi
 
 
 def add_noise(scan: NDArray[np.float32], scenario: Scenario, noise: np.random.Generator) -> None:

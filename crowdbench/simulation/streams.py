@@ -18,7 +18,8 @@ import numpy as np
     _SCENARIO,
     _ODOMETRY,
     _TRAITS,
-) = range(9)
+    _GROUPS,
+) = range(10)
 
 
 def layout(seed: int) -> np.random.Generator:
@@ -44,6 +45,11 @@ def pedestrian(seed: int, index: int) -> np.random.Generator:
 def traits(seed: int, index: int) -> np.random.Generator:
     """Stream of what one pedestrian is like, beside its speed."""
     return _stream(seed, _TRAITS, index)
+
+
+def groups(seed: int) -> np.random.Generator:
+    """Stream of how many people walk together in each group."""
+    return _stream(seed, _GROUPS)
 
 
 def walking(seed: int) -> np.random.Generator:

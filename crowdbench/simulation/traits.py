@@ -27,6 +27,7 @@ class Traits(NamedTuple):
         radius: (P,) [m].
         queue: (P,) the queue that each belongs to, -1 for none.
         place: (P,) in it, from 0, -1 for those who are not in line; the first people are.
+        group: (P,) the group that each walks with, -1 for none; its people follow each other.
         standing: (P,) who stands in a place of its own.
         facing: (P,) where somebody who stands looks at first [rad].
         attention: (P,) in [0, 1), by which those who look away at times are chosen.
@@ -36,10 +37,20 @@ class Traits(NamedTuple):
     radius: NDArray[np.float64]
     queue: NDArray[np.int64]
     place: NDArray[np.int64]
+    group: NDArray[np.int64]
     standing: NDArray[np.bool_]
     facing: NDArray[np.float64]
     attention: NDArray[np.float64]
     key: NDArray[np.uint64]
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """(P,) number of the first one of each person's group; the own one without a group."""
+        first = np.arange(len(self.group))
+        for g in range(int(self.group.max(initial=-1)) + 1):
+            members = np.flatnonzero(self.group == g)
+            first[members] = members[0]
+        return first
 
 
 def draw_traits(people: Pedestrians, seed: int) -> Traits:
@@ -56,15 +67,40 @@ def draw_traits(people: Pedestrians, seed: int) -> Traits:
     lines = [(q, k) for q, line in enumerate(people.queues) for k in range(line.count)]
     for p, (q, k) in enumerate([*lines, *((q, -1) for q in range(len(people.queues)))]):
         queue[p], place[p] = q, k
+    group = np.full(people.count, -1)
+    sizes = _group_sizes(people, int(np.count_nonzero(queue < 0)), seed)
+    walking = np.count_nonzero(queue >= 0)
+    group[walking : walking + sum(sizes)] = np.repeat(np.arange(len(sizes)), sizes)
+    alone = (queue < 0) & (group < 0)
     return Traits(
         radius=low + (high - low) * draws[:, 0],
         queue=queue,
         place=place,
-        standing=smallest(draws[:, 1], queue < 0, round(people.standing * people.count)),
+        group=group,
+        standing=smallest(draws[:, 1], alone, round(people.standing * people.count)),
         facing=2 * np.pi * draws[:, 2],
         attention=draws[:, 3],
         key=key,
     )
+
+
+def _group_sizes(people: Pedestrians, available: int, seed: int) -> list[int]:
+    """How many people each group has; together as many of the share as groups can hold."""
+    low, high = people.groups.size
+
+    def can_be(count: int) -> bool:
+        return -(-count // high) <= count // low
+
+    left = min(available, round(people.groups.share * people.count))
+    while not can_be(left):
+        left -= 1
+    sizes: list[int] = []
+    stream = streams.groups(seed)
+    while left:
+        fitting = [size for size in range(low, high + 1) if size <= left and can_be(left - size)]
+        sizes.append(fitting[int(stream.random() * len(fitting))])
+        left -= sizes[-1]
+    return sizes
 
 
 def places_in_line(people: Pedestrians) -> NDArray[np.float64]:

@@ -136,55 +136,6 @@ class _Solved(WalkingModel):
         return out
 
 
-def _over_lanes(solve: Callable[..., None]) -> Callable[..., None]:
-    """The compiled function of a model, for all pedestrians of many lanes at once."""
-
-    @compiled()
-    def walk(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
-        most = people.shape[1]
-        position, velocity = np.empty((most, 2)), np.empty((most, 2))
-        preferred, chosen = np.empty((most, 2)), np.empty((most, 2))
-        speed, radius = np.empty(most), np.empty(most)
-        robot_position = np.empty((robots.shape[1], 2))
-        robot_velocity = np.empty((robots.shape[1], 2))
-        for i in range(len(lanes)):
-            lane = lanes[i]
-            world = worlds[lane]
-            count = world.people
-            for p in range(count):
-                person = people[lane, p]
-                speed[p], radius[p] = person.speed, person.radius
-                for axis in range(2):
-                    position[p, axis] = person.position[axis]
-                    velocity[p, axis] = person.velocity[axis]
-                    preferred[p, axis] = person.preferred[axis]
-            for r in range(robots.shape[1]):
-                for axis in range(2):
-                    robot_position[r, axis] = robots[lane, r].pose[axis]
-                    robot_velocity[r, axis] = robots[lane, r].world_velocity[axis]
-            solve(
-                position[:count],
-                velocity[:count],
-                preferred[:count],
-                speed[:count],
-                radius[:count],
-                sees[lane, :count],
-                robot_position,
-                robot_velocity,
-                world.robot_radius,
-                world.responsibility,
-                obstacles[lane, : world.obstacles],
-                walls[lane, : world.walls],
-                world.period,
-                chosen[:count],
-            )
-            for p in range(count):
-                for axis in range(2):
-                    people[lane, p].chosen[axis] = chosen[p, axis]
-
-    return walk
-
-
 class Orca(_Solved):
     """Optimal reciprocal collision avoidance (``crowdbench.simulation.orca``)."""
 
@@ -242,8 +193,94 @@ def _walk_straight(lanes, worlds, robots, people, obstacles, walls, sees):  # ty
                 people[lanes[i], p].chosen[axis] = people[lanes[i], p].preferred[axis]
 
 
+@compiled()
+def _walk_by_orca(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
+    most, number = people.shape[1], robots.shape[1]
+    position, velocity, preferred = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 2))
+    speed, radius, chosen = np.empty(most), np.empty(most), np.empty((most, 2))
+    robot_position, robot_velocity = np.empty((number, 2)), np.empty((number, 2))
+    for i in range(len(lanes)):
+        lane = lanes[i]
+        world = worlds[lane]
+        count = world.people
+        _read_people(people[lane], count, position, velocity, preferred, speed, radius)
+        _read_robots(robots[lane], robot_position, robot_velocity)
+        orca_velocities(
+            position[:count],
+            velocity[:count],
+            preferred[:count],
+            speed[:count],
+            radius[:count],
+            sees[lane],
+            robot_position,
+            robot_velocity,
+            world.robot_radius,
+            world.responsibility,
+            obstacles[lane, : world.obstacles],
+            walls[lane, : world.walls],
+            world.period,
+            chosen[:count],
+        )
+        _write_chosen(people[lane], count, chosen)
+
+
+@compiled()
+def _walk_by_social_force(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
+    most, number = people.shape[1], robots.shape[1]
+    position, velocity, preferred = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 2))
+    speed, radius, chosen = np.empty(most), np.empty(most), np.empty((most, 2))
+    robot_position, robot_velocity = np.empty((number, 2)), np.empty((number, 2))
+    for i in range(len(lanes)):
+        lane = lanes[i]
+        world = worlds[lane]
+        count = world.people
+        _read_people(people[lane], count, position, velocity, preferred, speed, radius)
+        _read_robots(robots[lane], robot_position, robot_velocity)
+        social_force_velocities(
+            position[:count],
+            velocity[:count],
+            preferred[:count],
+            speed[:count],
+            radius[:count],
+            sees[lane],
+            robot_position,
+            robot_velocity,
+            world.robot_radius,
+            world.responsibility,
+            obstacles[lane, : world.obstacles],
+            walls[lane, : world.walls],
+            world.period,
+            chosen[:count],
+        )
+        _write_chosen(people[lane], count, chosen)
+
+
+@compiled(inline="always")
+def _read_people(people, count, position, velocity, preferred, speed, radius):  # type: ignore[no-untyped-def]
+    for p in range(count):
+        person = people[p]
+        speed[p], radius[p] = person.speed, person.radius
+        position[p, 0], position[p, 1] = person.position[0], person.position[1]
+        velocity[p, 0], velocity[p, 1] = person.velocity[0], person.velocity[1]
+        preferred[p, 0], preferred[p, 1] = person.preferred[0], person.preferred[1]
+
+
+@compiled(inline="always")
+def _read_robots(robots, position, velocity):  # type: ignore[no-untyped-def]
+    for r in range(len(robots)):
+        robot = robots[r]
+        position[r, 0], position[r, 1] = robot.pose[0], robot.pose[1]
+        velocity[r, 0], velocity[r, 1] = robot.world_velocity[0], robot.world_velocity[1]
+
+
+@compiled(inline="always")
+def _write_chosen(people, count, chosen):  # type: ignore[no-untyped-def]
+    for p in range(count):
+        people[p].chosen[0], people[p].chosen[1] = chosen[p, 0], chosen[p, 1]
+
+
 _KERNELS: dict[type[WalkingModel], Callable[..., None]] = {
     Straight: _walk_straight,
-    Orca: _over_lanes(orca_velocities),
-    SocialForce: _over_lanes(social_force_velocities),
+    Orca: _walk_by_orca,
+    SocialForce: _walk_by_social_force,
 }

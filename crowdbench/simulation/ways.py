@@ -15,6 +15,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from crowdbench.compiled import compiled
 
@@ -26,8 +28,8 @@ _SMALLEST_PART = PART / 8
 """Where other things are near, parts are halved, but not below this [rad]."""
 _TOLERANCE = 1e-9
 """Depth at which a way still counts as touching, not entering; ways this alike are equal [m]."""
-_SQUEEZED = 0.1
-"""Share of the clearance that is kept by those who could not move otherwise."""
+SQUEEZED = 0.1
+"""Share of the clearance that is kept by those who cannot keep all of it."""
 
 
 class Ways:
@@ -36,7 +38,8 @@ class Ways:
     Attributes:
         nodes: (N, 2) way points [m].
         between: (N, N) lengths of the shortest ways between them, inf where there is none [m].
-        cores: (M, 4) walls, then obstacles as segments of no length [m].
+        cores: (M, 8) walls, then obstacles as segments of no length; then x_min, y_min, x_max,
+            y_max of the box around what is nearer to each than its reach [m].
         reach: (M,) distance to keep from each core [m].
     """
 
@@ -55,16 +58,19 @@ class Ways:
             clearance: least distance from walls and from the edges of obstacles [m].
             bounds: x_min, y_min, x_max, y_max that no way leaves [m].
         """
-        self.cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
+        cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
         self.reach = np.concatenate(
             [np.full(len(walls), float(clearance)), obstacles[:, 2] + clearance]
         )
+        ends, grown = cores.reshape(-1, 2, 2), self.reach[:, None]
+        self.cores = np.hstack([cores, ends.min(axis=1) - grown, ends.max(axis=1) + grown])
         self.nodes = _way_points(self.cores, self.reach)
         if bounds is not None:
             low, high = np.array(bounds[:2]), np.array(bounds[2:])
             self.nodes = self.nodes[((self.nodes >= low) & (self.nodes <= high)).all(axis=1)]
-        self.between = np.empty((len(self.nodes), len(self.nodes)))
-        _connect(self.nodes, self.cores, self.reach, self.between)
+        edges = np.zeros((len(self.nodes), len(self.nodes)))
+        _connect(self.nodes, self.cores, self.reach, edges)
+        self.between = np.asarray(dijkstra(csr_array(edges)))
 
     def is_free(self, point: Array) -> bool:
         """Whether the disc fits at a point (2,) [m]."""
@@ -123,21 +129,21 @@ def _way_points(cores: Array, reach: Array) -> Array:
     leave more than half a turn.
     """
     ends: dict[tuple[float, float], list[int]] = {}
-    for i, (x1, y1, x2, y2) in enumerate(cores.tolist()):
+    for i, (x1, y1, x2, y2) in enumerate(cores[:, :4].tolist()):
         for end in {(x1, y1), (x2, y2)}:
             ends.setdefault(end, []).append(i)
     found: set[tuple[float, float]] = set()
     for end, incident in ends.items():
         # Segments of no length are circles, whatever else ends in their centre.
-        discs = [i for i in incident if (cores[i, :2] == cores[i, 2:]).all()]
+        discs = [i for i in incident if (cores[i, :2] == cores[i, 2:4]).all()]
         segments = [i for i in incident if i not in discs]
         for i in discs:
             found |= _corners(end, float(reach[i]), 0.0, 2 * math.pi, cores, reach)
         if segments:
-            arc = _free_arc(*end, cores[segments])
+            arc = _free_arc(*end, cores[segments, :4])
             around = _corners(end, float(reach[segments[0]]), *arc, cores, reach)
             # An end on another wall needs no way around it.
-            others = np.delete(cores, incident, axis=0).tolist()
+            others = np.delete(cores[:, :4], incident, axis=0).tolist()
             found |= {
                 corner
                 for corner in around
@@ -185,24 +191,13 @@ def _corners(
 
 
 @compiled()
-def _connect(nodes: Array, cores: Array, reach: Array, between: Array) -> None:
-    """Write the lengths of all shortest ways (Floyd 1962) into ``between`` (N, N)."""
-    count = len(nodes)
-    for i in range(count):
-        between[i, i] = 0.0
+def _connect(nodes: Array, cores: Array, reach: Array, edges: Array) -> None:
+    """Write the distances of way points that see each other into ``edges`` (N, N)."""
+    for i in range(len(nodes)):
         for j in range(i):
             dx, dy = nodes[i, 0] - nodes[j, 0], nodes[i, 1] - nodes[j, 1]
-            length = math.inf
             if sees(nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1], cores, reach, 1.0):
-                length = math.sqrt(dx * dx + dy * dy)
-            between[i, j] = between[j, i] = length
-    for k in range(count):
-        for i in range(count):
-            to = between[i, k]
-            if to < math.inf:
-                for j in range(count):
-                    if to + between[k, j] < between[i, j]:
-                        between[i, j] = to + between[k, j]
+                edges[i, j] = edges[j, i] = math.sqrt(dx * dx + dy * dy)
 
 
 @compiled()
@@ -267,7 +262,7 @@ def next_point(x, y, goal_x, goal_y, lengths, nodes, cores, reach):  # type: ign
             if sees(x, y, nodes[best, 0], nodes[best, 1], cores, reach, share):
                 return nodes[best, 0], nodes[best, 1], values[best]
             values[best] = math.inf
-        share = _SQUEEZED
+        share = SQUEEZED
     return goal_x, goal_y, math.inf
 
 
@@ -275,18 +270,23 @@ def next_point(x, y, goal_x, goal_y, lengths, nodes, cores, reach):  # type: ign
 def sees(ax, ay, bx, by, cores, reach, share):  # type: ignore[no-untyped-def]
     """Whether the straight line from a to b keeps ``share`` of the reach from all cores.
 
-    An end that is nearer to a core than that may be left, and reached, as near as it is.
+    An end that is nearer to a core than that may be left, and reached, as near as it is. ``reach``
+    may be smaller than that of the ``Ways``, never larger.
     """
     low_x, high_x = min(ax, bx), max(ax, bx)
     low_y, high_y = min(ay, by), max(ay, by)
     for i in range(len(cores)):
+        if (
+            cores[i, 4] > high_x
+            or cores[i, 5] > high_y
+            or cores[i, 6] < low_x
+            or cores[i, 7] < low_y
+        ):
+            continue
         x1, y1, x2, y2 = cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3]
         keep = reach[i] * share
-        if (
-            max(x1, x2) < low_x - keep
-            or min(x1, x2) > high_x + keep
-            or max(y1, y2) < low_y - keep
-            or min(y1, y2) > high_y + keep
+        if _beside(ax, ay, bx, by, x1, y1, x2, y2, keep) or _beside(
+            x1, y1, x2, y2, ax, ay, bx, by, keep
         ):
             continue
         gap = _gap(ax, ay, bx, by, x1, y1, x2, y2)
@@ -295,6 +295,15 @@ def sees(ax, ay, bx, by, cores, reach, share):  # type: ignore[no-untyped-def]
             if gap < nearer - _TOLERANCE:
                 return False
     return True
+
+
+@compiled()
+def _beside(ax, ay, bx, by, x1, y1, x2, y2, keep):  # type: ignore[no-untyped-def]
+    """Whether a segment lies beside the line through a and b, farther from it than ``keep``."""
+    ex, ey = bx - ax, by - ay
+    one, two = ex * (y1 - ay) - ey * (x1 - ax), ex * (y2 - ay) - ey * (x2 - ax)
+    least = keep * keep * (ex * ex + ey * ey)
+    return one * two > 0.0 and one * one > least and two * two > least
 
 
 @compiled()

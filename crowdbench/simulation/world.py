@@ -33,10 +33,12 @@ class Pedestrians(NamedTuple):
         reactive: (P,) sees the robots; the others are non-reactive.
         attentive: (P,) does not look away now.
         attention_time: (P,) when that changes, inf for those who never look away [s].
+        group: (P,) that each walks with, -1 for none.
         queue: (P,) that each belongs to, -1 for none.
         place: (P,) in the queue, from 0, -1 while somewhere else.
         served_time: (P,) when the first one in line leaves, inf before it is served [s].
         stop_time, stop_end: (P,) when the stop on this leg is, inf without one [s].
+        walks_on: (P,) takes another goal on arrival; the others stand there.
         chosen: (P, 2) how they walk in this control period [m/s].
     """
 
@@ -54,11 +56,13 @@ class Pedestrians(NamedTuple):
     reactive: NDArray[np.bool_]
     attentive: NDArray[np.bool_]
     attention_time: NDArray[np.float64]
+    group: NDArray[np.int64]
     queue: NDArray[np.int64]
     place: NDArray[np.int64]
     served_time: NDArray[np.float64]
     stop_time: NDArray[np.float64]
     stop_end: NDArray[np.float64]
+    walks_on: NDArray[np.bool_]
     chosen: NDArray[np.float64]
 
 
@@ -103,6 +107,22 @@ class Lane:
         return float(self.worlds.state.worlds["time"][self._lane])
 
     @property
+    def goal_area(self) -> NDArray[np.float64]:
+        """(2,) length and width of the area, centred, in which pedestrians have their goals [m]."""
+        world = self.worlds.state.worlds[self._lane]
+        return np.array([2.0 * world["half_length"], 2.0 * world["half_width"]])
+
+    @property
+    def least_leg(self) -> float:
+        """Least distance from where a leg begins to its goal [m]."""
+        return float(self.worlds.state.worlds["leg"][self._lane])
+
+    @property
+    def switch_probability(self) -> float:
+        """Chance that a leg is interrupted; 0 where goals are unimodal."""
+        return float(self.worlds.state.worlds["switch_probability"][self._lane])
+
+    @property
     def layout(self) -> Layout:
         """Where everything began."""
         return self.worlds.episode(self._lane).layout
@@ -126,7 +146,7 @@ class Lane:
         """(P,) the stream that each pedestrian walks in; -1: none."""
         routes = self.worlds.episode(self._lane).prepared.routes
         nowhere = np.full(len(self.pedestrians.speed), -1, dtype=np.int64)
-        return nowhere if routes is None else routes.member.copy()
+        return nowhere if routes is None else routes.member[self.layout.traits.first]
 
     @property
     def contacts(self) -> dict[int, Contact]:

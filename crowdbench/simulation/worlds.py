@@ -44,7 +44,7 @@ from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import KEEP, look
 from crowdbench.simulation.recorded import Recorded, Tracks, away
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.routes import Routes, has_routes, routes_of
+from crowdbench.simulation.routes import Routes, routes_of
 from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.traits import preferred_speeds
@@ -284,7 +284,7 @@ class Worlds:
                 scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 scenario.robots.odometry != Odometry(),
                 places_of(scenario),
-                routes_of(scenario) if has_routes(scenario) else None,
+                routes_of(scenario),
             )
         return self._prepared[id(scenario)]
 
@@ -321,7 +321,7 @@ class Worlds:
             self._follow(people, layout.tracks)
             begin_habits(people, s.queues[lane], layout, settings)
             return drawing
-        legs.begin(lane, s, layout.pedestrian_stage, prepared.routes)
+        legs.begin(lane, s, layout.pedestrian_stage, layout.traits.first, prepared.routes)
         ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
         people["heading"] = headings = [math.atan2(y, x) for x, y in ahead.tolist()]
         directions = np.array([(math.cos(heading), math.sin(heading)) for heading in headings])

@@ -50,6 +50,10 @@ class Pair(NamedTuple):
     margin: float = 0.0
 
 
+_Parts = dict[str, list[NDArray[np.float64]]]
+_NO_ROWS = pd.DataFrame(index=pd.Index([], dtype=np.int64, name="seed"))
+
+
 class Measurements:
     """What the stored episodes of a plan say.
 
@@ -148,19 +152,32 @@ class Measurements:
     def _paired(self, pair: Pair) -> NDArray[np.float64]:
         """(n,) the differences of all scenarios."""
         columns = [pair.metric, *filter(None, [METRICS[pair.metric].weight])]
-        parts = []
+        sides: tuple[_Parts, _Parts] = (
+            {name: [] for name in columns},
+            {name: [] for name in columns},
+        )
         for one, other in zip(pair.first[1], pair.second[1], strict=True):
-            a, b = self._rows(pair.first[0], one), self._rows(pair.second[0], other)
-            shared = a.index.intersection(b.index)
-            if len(shared):
-                parts.append((a.loc[shared, columns], b.loc[shared, columns]))
-        if not parts:
+            tables = self._rows(pair.first[0], one), self._rows(pair.second[0], other)
+            one_seeds, other_seeds = (table.index.to_numpy() for table in tables)
+            # Seeds that both have, in order; looked up by pandas they take most of a table's time.
+            _, *shared = np.intersect1d(
+                one_seeds, other_seeds, assume_unique=True, return_indices=True
+            )
+            if not len(shared[0]):
+                continue
+            for side, table, rows in zip(sides, tables, shared, strict=True):
+                for name in columns:
+                    side[name].append(table[name].to_numpy()[rows])
+        if not sides[0][pair.metric]:
             return np.empty(0)
-        x, y = defined_pairs(pair.metric, *(pd.concat(side) for side in zip(*parts, strict=True)))
+        x, y = defined_pairs(
+            pair.metric,
+            *({name: np.concatenate(parts) for name, parts in side.items()} for side in sides),
+        )
         return x - pair.factor * y - pair.margin
 
     def _rows(self, agent: str, scenario: str) -> pd.DataFrame:
-        return self._cells.get((agent, scenario), pd.DataFrame(index=pd.Index([], name="seed")))
+        return self._cells.get((agent, scenario), _NO_ROWS)
 
     def _values(self, agent: str, scenarios: tuple[str, ...], metric: str) -> NDArray[np.float64]:
         rows = [self._rows(agent, scenario) for scenario in scenarios]

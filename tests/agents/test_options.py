@@ -11,11 +11,23 @@ from crowdbench.agent import AgentError, AgentSpec, agent_options, find_agent
 RANGES = {
     "orca": {"responsibility": (0, 1), "margin": (0, 1)},
     "dynamic_window": {"heading": (0, 1000), "clearance": (0, 1000), "speed": (0, 1000)},
-    "informed": {},
+    "informed": {"growth": (0, 10), "price": (0, 1000), "futures": (1, 100)},
     "neupan": {"horizon": (1, 100), "iterations": (1, 100), "reference_speed": (0.01, 20)},
 }
 """Of numbers, both ends allowed."""
-CHOICES = {("neupan", "exact"), ("neupan", "predict"), ("neupan", "config")}
+CHOICES = {
+    ("neupan", "exact"),
+    ("neupan", "predict"),
+    ("neupan", "config"),
+    ("informed", "intent"),
+    ("informed", "view"),
+}
+NEEDED = {
+    ("informed", "growth"): {"intent": "velocity"},
+    ("informed", "price"): {"intent": "velocity"},
+    ("informed", "futures"): {"intent": "sampled"},
+}
+"""Other options without which one has no meaning."""
 CASES = [(agent, option) for agent, options in RANGES.items() for option in options]
 
 
@@ -41,7 +53,7 @@ def test_every_option_has_a_range(agent):
 def test_the_ends_of_a_range_are_allowed_and_what_lies_beyond_is_not(agent, option):
     low, high = RANGES[agent][option]
     for value in (low, high):
-        AgentSpec(agent, {option: value}).make()
+        AgentSpec(agent, {option: value, **NEEDED.get((agent, option), {})}).make()
     for value in (-low - 1, -1, high + 1, 1e300, ".inf", "-.inf", 10**50):
         assert f"<= {high}" in refusal(agent, option, value)
 

@@ -53,6 +53,7 @@ def _make_episode(robot_pose, actions=None, pedestrians=None, velocities=None, *
         "pedestrian_intent": np.zeros(people, dtype=np.int64),
         "pedestrian_attentive": np.ones(people, dtype=bool),
         "pedestrian_switch_time": np.full(people, np.inf),
+        "pedestrian_group": np.full(people[1], -1),
         "pedestrian_queue": np.full(people[1], -1),
         "pedestrian_place": np.full(people, -1),
         "pedestrian_stop_time": np.full(people, np.inf),

@@ -7,7 +7,13 @@ import pytest
 from crowdbench_agents.straight_line import StraightLine
 
 from crowdbench import load_scenario
-from crowdbench.evaluation.disturbance import DisturbanceError, _legs, _simulate, disturbance
+from crowdbench.evaluation.disturbance import (
+    DisturbanceError,
+    _shift,
+    _simulate,
+    _Walks,
+    disturbance,
+)
 from crowdbench.evaluation.metrics import metrics
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.simulation.world import World
@@ -60,6 +66,33 @@ def test_who_waits_at_a_blocked_doorway_is_late_by_the_wait(seed):
     assert found.compared == 1.0
 
 
+def test_who_waits_at_a_door_in_a_map_is_late_by_the_wait():
+    # The robot stands in a gap of a metre between two halls until it leaves after 16 s.
+    world = load_scenario(
+        "open",
+        arena={
+            "kind": "map", "length": 20, "width": 6,
+            "walls": [[0, -3, 0, -0.5], [0, 0.5, 0, 3]],
+            "regions": {"west": [-9.5, -1, -8.5, 1], "east": [8.5, -1, 9.5, 1]},
+        },
+        robots={"start": [0, 0], "goal": [6, 0]},
+        pedestrians={
+            "count": 1, "speed": (0.8, 0.8), "responsibility": 1.0, "field_of_view": 360,
+            "streams": [{"start": "west", "goal": "east"}],
+        },
+    )  # fmt: skip
+    seed = next(
+        s for s in range(900_000, 900_050) if -9 < World(world, s).pedestrians.position[0, 0] < -6
+    )
+    x = World(world, seed).pedestrians.position[0, 0]
+    wait = 16.0 - (-x - 0.5) / 0.8
+    assert wait > 5.0
+    found = disturbance(world, seed, standing(16.0)).by_robot
+    assert found.delay == pytest.approx(wait, abs=0.4)
+    assert found.displacement == pytest.approx(0.8 * wait, abs=0.4)
+    assert 0.0 <= found.detour < 1.0  # it steps aside in front of the door
+
+
 @pytest.mark.parametrize("seed", [900_000, 900_003, 900_005, 900_016])
 def test_who_was_held_up_stays_late_on_the_ways_that_follow(seed):
     world = doorway(16, 7, 1.0, "new_goal")
@@ -102,15 +135,42 @@ def test_the_noise_floor_begins_at_a_millimetre_and_does_not_know_the_robot():
     assert found[0].displacement >= 1e-3 - 1e-9
 
 
-def test_who_has_turned_to_another_goal_in_one_twin_only_is_left_out():
-    # Somebody who is held up for a while begins later legs late, and turns back later.
-    world = doorway(16, 7, 1.0, "new_goal")
-    world = world.override(
-        {"pedestrians.goals": "multimodal", "pedestrians.switch_probability": 1.0}
+def walks(*places, goals=None, speed=1.0):
+    """One person in states 0.2 s apart; its goal is the last place, unless others are given."""
+    position = np.array(places, float)[:, None]
+    goal = np.array([places[-1]] * len(places) if goals is None else goals, float)[:, None]
+    return _Walks.of_states(position, goal, np.array([speed]), np.zeros((1, 2)), 0.2)
+
+
+def test_a_shift_by_hand():
+    """Held up for two of five steps, and a step aside for another."""
+    without = walks((0, 0), (0.2, 0), (0.4, 0), (0.6, 0), (0.8, 0), (1, 0))
+    held_up = walks(
+        (0, 0), (0.2, 0), (0.2, 0), (0.2, 0), (0.2, 0.2), (0.4, 0.2), goals=[(1, 0)] * 6
     )
-    found = [disturbance(world, seed, standing(6.0)).by_robot for seed in range(900_000, 900_012)]
-    assert {shift.compared for shift in found} == {0.0, 1.0}
-    assert all(np.isnan(shift.delay) == (shift.compared == 0.0) for shift in found)
+    found = _shift(held_up, without)
+    assert found.delay == pytest.approx(0.6)
+    assert found.detour == pytest.approx(0.2)
+    assert found.displacement == pytest.approx(np.hypot(0.6, 0.2))
+    # The other way round somebody is early, by the same.
+    assert _shift(without, held_up)[:2] == pytest.approx((-0.6, -0.2))
+
+
+def test_who_has_entered_anew_has_not_walked_there():
+    """From 1 m to the goal at 1.4 m, and on from 9 m away: 0.8 m are ahead of 0.2 m."""
+    goals = [(1.4, 0)] * 3 + [(9.6, 0)] * 3
+    anew = walks((1, 0), (1.2, 0), (1.4, 0), (9.0, 0), (9.2, 0), (9.4, 0), goals=goals)
+    late = walks((1, 0), (1, 0), (1, 0), (1, 0), (1, 0), (1.2, 0), goals=[(1.4, 0)] * 6)
+    found = _shift(late, anew)
+    assert found.delay == pytest.approx(0.6)
+    assert found.detour == pytest.approx(0.0)
+    assert found.displacement == pytest.approx(0.4)
+
+
+def test_who_gets_another_goal_is_left_out():
+    one, other = walks((0, 0), (0.2, 0)), walks((0, 0), (0, 0.2))
+    assert _shift(one, other)[2:] == pytest.approx((np.hypot(0.2, 0.2), 0.0))
+    assert np.isnan(_shift(one, other)[:2]).all()
 
 
 def test_goals_that_nobody_is_pushed_off_are_the_same_in_both_twins():
@@ -119,7 +179,7 @@ def test_goals_that_nobody_is_pushed_off_are_the_same_in_both_twins():
     with_robot, without = (_simulate(world, 900_001, told) for told in (driven, standing(0.0)))
     assert not np.array_equal(with_robot.position, without.position)
     for p in range(len(without.speed)):
-        goals = [np.array([leg.goal for leg in _legs(twin, p)]) for twin in (with_robot, without)]
+        goals = [twin.of(p).goals for twin in (with_robot, without)]
         shared = min(map(len, goals))
         np.testing.assert_array_equal(goals[0][:shared], goals[1][:shared])
 

@@ -222,6 +222,24 @@ def test_zones_are_shares_of_steps_by_surface_distance(make_episode):
     assert value("intimate_space_share", episode) == 0.5
 
 
+@pytest.mark.parametrize(
+    ("people", "robot", "among"),
+    [
+        ([[0, 0.6], [0, -0.6]], [0.2, 0], 1),
+        ([[0, 0.6], [0, -0.6]], [0.3, 0], 0),
+        ([[0, 0], [1, 0], [0, 1]], [0.3, 0.3], 1),
+        ([[0, 0], [1, 0], [0, 1]], [0.7, 0.7], 0),  # 0.28 m off
+        ([[0, 3.1], [0, -3.1]], [0, 0], 0),  # not together
+    ],
+)
+def test_who_is_between_the_people_of_a_group_is_in_its_space(make_episode, people, robot, among):
+    poses = [[9, 9, 0], [*robot, 0]]
+    episode = make_episode(poses, pedestrians=people, pedestrian_group=[0] * len(people))
+    assert value("group_space_share", episode) == among
+    alone = make_episode(poses, pedestrians=people)
+    assert math.isnan(value("group_space_share", alone))
+
+
 def test_an_episode_without_steps_has_its_metrics(make_episode):
     measured = metrics(make_episode([[0, 0, 0]], pedestrians=[[1, 0]], outcome="agent_error"))
     defined = {name for name, number in measured.items() if not math.isnan(number)}
@@ -232,7 +250,7 @@ def test_an_episode_without_steps_has_its_metrics(make_episode):
 def test_an_episode_without_pedestrians_has_its_metrics(make_episode):
     measured = metrics(make_episode(*straight(19), outcome="success"))
     undefined = {name for name, number in measured.items() if math.isnan(number)}
-    assert undefined == NEED_PEOPLE | NEED_TWINS | {"robot_at_fault"}
+    assert undefined == NEED_PEOPLE | NEED_TWINS | {"robot_at_fault", "group_space_share"}
     assert measured["ttc_below_1s"] == measured["cutoff"] == measured["personal_space_share"] == 0
 
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import Point, Polygon
+from shapely import MultiPoint, Point, Polygon
 
 from crowdbench.evaluation.interactions import (
     clearance,
     crossing_gaps,
     cut_offs,
+    hull_distance,
     time_to_collision,
 )
 from crowdbench.evaluation.metrics import METRICS
@@ -193,3 +194,15 @@ def test_a_robot_that_drives_across_in_front_of_someone_cuts_them_off_once(make_
     assert METRICS["cutoff"].function(behind) == 0.0
     far = make_episode(poses + [1.2, 0, 0], np.tile([1.0, 0.0], (10, 1)), walk, velocity)
     assert METRICS["cutoff"].function(far) == 0.0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 6))
+def test_the_distance_to_a_hull_is_shapelys(seed, count):
+    rng = np.random.default_rng(seed)
+    robot, people = rng.uniform(-2, 2, (5, 2)), rng.uniform(-2, 2, (5, count, 2))
+    expected = [
+        MultiPoint(around).convex_hull.distance(Point(place))
+        for place, around in zip(robot, people, strict=True)
+    ]
+    np.testing.assert_allclose(hull_distance(robot, people), expected, atol=1e-9)

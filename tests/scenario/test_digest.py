@@ -13,7 +13,7 @@ from crowdbench.scenario import (
     load_scenario,
     scenario_names,
 )
-from crowdbench.scenario.habits import Attention, Stops
+from crowdbench.scenario.habits import Attention, Groups, Stops
 from crowdbench.scenario.recorded import Recording
 
 DIGESTS = {
@@ -67,6 +67,9 @@ LATER_FIELDS: dict[str, object] = {
     "pedestrians.stops.duration": (2.0, 5.0),
     "pedestrians.standing": 0.0,
     "pedestrians.queues": (),
+    "pedestrians.groups": Groups(),
+    "pedestrians.groups.share": 0.0,
+    "pedestrians.groups.size": (2, 4),
     "pedestrians.recording": Recording(),
     "pedestrians.recording.file": "",
     "pedestrians.recording.unit": None,

@@ -34,10 +34,10 @@ def refusal(name, /, **changes) -> str:
 def test_the_tables_scenarios_are_there_in_their_order():
     motions = ["unimodal_slow", "unimodal_fast", "multimodal_slow", "multimodal_fast"]
     corridors = [f"corridor_{how}" for how in ("sparse", "moderate", "dense", "very_dense")]
-    assert names() == [*motions, *(f"{name}_nonreactive" for name in motions), *corridors]
+    assert names("paper") == [*motions, *(f"{name}_nonreactive" for name in motions), *corridors]
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", names("paper"))
 def test_a_nonreactive_twin_differs_in_nothing_but_who_sees_the_robot(name):
     scenario = load_scenario(name)
     if name.endswith("_nonreactive"):

@@ -52,6 +52,40 @@ def test_what_is_just_allowed_is_placed(changes):
         place(scenario, seed)
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"lidar.mount": [0.21, 0, 0]}, "lidar.mount: x = 0.21 m lies outside the footprint "),
+        ({"lidar.mount": [0, -0.16, 0]}, "(robots.width 0.3 m); allowed: -0.15 to 0.15"),
+        ({"lidar.mount": [0, 0]}, "lidar.mount: expected three numbers, x and y [m] and heading "),
+        ({"lidar.mount": [0, 0, 4]}, "lidar.mount: 4 is out of range; allowed: >= -3.15 and "),
+        ({"robots.latency": -1}, "robots.latency: -1 is out of range; allowed: >= 0 and <= 50"),
+        ({"robots.latency": 0.5}, "robots.latency: expected a whole number >= 0 and <= 50"),
+        (
+            {"robots.latency": 20, "time_limit": 4},
+            "robots.latency: 20 control periods, and time_limit is over after 20; allowed: <= 19",
+        ),
+        ({"robots.odometry": 0.1}, "robots.odometry: expected a section of `key: value` lines"),
+        (
+            {"robots.odometry.translation": -0.1},
+            "robots.odometry.translation: -0.1 is out of range; allowed: >= 0 and <= 1",
+        ),
+        (
+            {"robots.odometry.turn": 0.1},
+            "unknown key 'robots.odometry.turn'; known: rotation, rotation_by_translation, ",
+        ),
+    ],
+)
+def test_a_robot_that_cannot_be_is_refused_with_what_can(changes, told):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("unimodal_slow", **changes)
+    assert told in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_lidar_may_be_at_the_edge_of_the_robot():
+    load_scenario("unimodal_slow", **{"lidar.mount": [0.2, -0.15, -3.0]})
+
+
 def test_the_stated_bound_is_itself_allowed():
     with pytest.raises(ScenarioError, match=r"allowed: <= 9\.5, or arena.length >= 12\.5$"):
         load_scenario("unimodal_slow", **{"arena.kind": "corridor", "robots.travel": 12})

@@ -1,4 +1,6 @@
-"""The scenarios that come with crowdbench: the twelve of the tables, and how they differ."""
+"""The scenarios that come with crowdbench: the twelve of the tables, and the hard tier."""
+
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -12,6 +14,17 @@ CORRIDORS = {
     "corridor_dense": (3, 4),
     "corridor_very_dense": (4, 6),
 }
+
+HARD = [
+    f"hard_{name}"
+    for name in ("open_dense", "mixed_attention", "plaza_groups", "two_streams", "crossing_streams")
+    + ("against_stream", "corridor_groups", "station")
+]
+SITUATIONS = [
+    f"situation_{name}"
+    for name in ("frontal", "overtaken", "overtaking", "blind_corner", "doorway", "t_junction")
+    + ("leaving_room", "queue")
+]
 
 
 def world(name):
@@ -32,7 +45,7 @@ def differences(first, second):
 
 def test_the_twelve_are_listed_in_the_order_of_the_tables():
     expected = [*OPEN, *(f"{name}_nonreactive" for name in OPEN), *CORRIDORS]
-    assert crowdbench.scenario_names() == expected
+    assert crowdbench.scenario_names("paper") == expected
 
 
 @pytest.mark.parametrize("name", OPEN)
@@ -71,13 +84,39 @@ def test_every_scenario_has_a_description_and_room(name):
     scenario = crowdbench.load_scenario(name)
     assert 20 < len(scenario.description) < 100
     env = crowdbench.parallel_env(scenario)
-    for seed in range(900_000, 900_030):
+    for seed in range(900_000, 900_010):
         env.reset(seed=seed)
     state = env.state()
     gap = np.linalg.norm(state["pedestrian_position"] - state["robot_pose"][0, :2], axis=1)
-    assert (gap - scenario.pedestrians.radius >= scenario.pedestrians.spawn_clearance).all()
+    clear = gap - state["pedestrian_radius"] >= scenario.pedestrians.spawn_clearance
+    assert clear[state["pedestrian_speed"] > 0].all()
 
 
-@pytest.mark.parametrize("name", ["open", "corridor"])
+@pytest.mark.parametrize("name", [*HARD, *SITUATIONS])
+def test_the_robot_of_the_hard_tier_is_one_that_can_be_bought(name):
+    scenario = crowdbench.load_scenario(name)
+    assert scenario.robots.acceleration == (1.0, 3.0)
+    assert (scenario.robots.latency, scenario.lidar.noise, scenario.lidar.dropout) == (
+        1,
+        0.02,
+        0.01,
+    )
+    assert scenario.pedestrians.leg_from == "goal"
+
+
+@pytest.mark.parametrize("name", [*HARD, *SITUATIONS])
+def test_a_hard_scenario_is_a_page_of_twenty_five_lines_at_most(name):
+    text = (resources.files("crowdbench_scenarios") / f"{name}.yaml").read_text()
+    assert len(text.splitlines()) <= 25
+
+
+def test_tiers_are_listed_by_how_hard_they_are():
+    assert crowdbench.scenario_tiers() == ["paper", "hard", "situation"]
+    assert crowdbench.scenario_names("hard") == HARD
+    assert crowdbench.scenario_names("situation") == SITUATIONS
+    assert crowdbench.scenario_names() == [*crowdbench.scenario_names("paper"), *HARD, *SITUATIONS]
+
+
+@pytest.mark.parametrize("name", ["open", "corridor", "hard", "situation"])
 def test_what_scenarios_extend_is_not_listed(name):
     assert name not in crowdbench.scenario_names()

@@ -12,6 +12,7 @@ from shapely import LineString, MultiLineString
 from crowdbench import parallel_env, vector_env
 from crowdbench.extensions import WALKING_MODELS
 from crowdbench.scenario import ScenarioError
+from crowdbench.simulation.observations import state as observe_all
 from crowdbench.simulation.walking import Orca
 from crowdbench.simulation.world import World
 
@@ -251,6 +252,26 @@ def test_a_way_in_the_state_leads_from_the_person_to_its_goal():
     assert world.stream.tolist() == [0] * 8 + [1] * 8 + [-1] * 4
 
 
+def test_who_queues_or_stands_does_so_among_people_who_follow_ways():
+    queue = {"head": [-3, 4.5], "direction": 0, "count": 3, "spacing": 0.8, "service": [2, 3]}
+    scenario = two_streams(
+        pedestrians__queues=[queue], pedestrians__standing=0.1, pedestrians__count=24
+    )
+    world = World(scenario, 3)
+    world.remove(0)
+    assert world.stream.tolist() == [-1] * 4 + [0] * 10 + [1] * 9 + [-1]
+    start, served = world.pedestrians.position.copy(), set()
+    stands = np.flatnonzero((world.pedestrians.goal == start).all(axis=1) & (np.arange(24) > 3))
+    for _ in range(100):
+        world.step(STAND)
+        state = observe_all(world)
+        in_line = state["pedestrian_place"] >= 0
+        assert in_line.sum() == 3 and not in_line[4:].any()
+        served |= set(np.flatnonzero(~in_line[:4]).tolist())
+    assert served == {0, 1, 2, 3} and len(stands) == 2
+    assert np.linalg.norm(world.pedestrians.position - start, axis=1)[stands].max() < 0.5
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -276,5 +297,5 @@ def test_a_way_in_the_state_leads_from_the_person_to_its_goal():
 )  # fmt: skip
 def test_a_stream_without_a_way_is_refused(changes, message):
     with pytest.raises(ScenarioError) as caught:
-        World(two_streams(**changes), 0)
+        parallel_env(two_streams(**changes))
     assert message in str(caught.value)

@@ -31,8 +31,10 @@ def make_state(**changes):
         "pedestrian_velocity": np.zeros((0, 2)),
         "pedestrian_goal": np.zeros((0, 2)),
         "pedestrian_radius": np.zeros(0),
+        "pedestrian_speed": np.zeros(0),
         "pedestrian_reactive": np.zeros(0, bool),
         "pedestrian_attentive": np.zeros(0, bool),
+        "pedestrian_group": np.zeros(0, int),
         "obstacles": np.zeros((0, 3)),
         "walls": np.zeros((0, 4)),
     }
@@ -45,8 +47,10 @@ def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, atte
         "pedestrian_velocity": np.array([velocity]),
         "pedestrian_goal": np.array([goal]),
         "pedestrian_radius": np.full(1, 0.25),
+        "pedestrian_speed": np.full(1, 2.0),
         "pedestrian_reactive": np.array([reactive]),
         "pedestrian_attentive": np.array([attentive]),
+        "pedestrian_group": np.full(1, -1),
     }
 
 
@@ -180,6 +184,13 @@ def test_trails_grow_and_a_new_episode_starts_without():
     assert not near(pixel(picture, 2.3, 2.3), WHITE)
     again = renderer.draw(make_state(), {})
     np.testing.assert_array_equal(again, paint(make_state()))
+
+
+def test_who_has_left_and_entered_anew_leaves_no_trail_between():
+    renderer = Renderer(OPEN, "rgb_array")
+    for step, x in enumerate((3.0, 2.8, -2.8, -2.6)):
+        picture = renderer.draw(make_state(time=0.2 * step, **person((x, 2.3))), {})
+    assert not near(pixel(picture, 2.9, 2.3), WHITE) and near(pixel(picture, 0.4, 2.3), WHITE)
 
 
 def test_drawing_a_state_twice_changes_nothing():

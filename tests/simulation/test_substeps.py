@@ -142,7 +142,7 @@ def test_nobody_is_pushed_through_a_wall():
         assert np.linalg.norm(robot - person) > 0.25
 
 
-@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize("name", scenario_names("paper"))
 def test_shipped_scenarios_need_no_more_steps_than_they_name(name):
     scenario = load_scenario(name)
     drive = Differential(scenario.robots)

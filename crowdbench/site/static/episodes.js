@@ -72,6 +72,17 @@
     return changes[low];
   }
 
+  // Whether a person has entered the scene anew at a state: it has not walked there.
+  crowdbench.enters = function (episode, p, state) {
+    const index = 2 * (state * episode.people + p);
+    const before = index - 2 * episode.people;
+    const [positions, velocity] = [episode.position, episode.velocity];
+    const moved = Math.hypot(
+      positions[index] - positions[before], positions[index + 1] - positions[before + 1]);
+    const walked = episode.period * Math.hypot(velocity[index], velocity[index + 1]);
+    return moved > walked + 0.5;
+  };
+
   // Where everybody is at a time [s]: exactly as logged at the states, between them on straight
   // lines. What is not a place (goals, intents) is as in the state before.
   crowdbench.frame = function (episode, time) {
@@ -79,8 +90,8 @@
     const near = Math.round(place);
     const state = Math.abs(place - near) < 1e-6 ? near : Math.floor(place);
     const share = state === near && Math.abs(place - near) < 1e-6 ? 0 : place - state;
-    const mix = (array, index, width) =>
-      share ? (1 - share) * array[index] + share * array[index + width] : array[index];
+    const mix = (array, index, width, walks = true) =>
+      share && walks ? (1 - share) * array[index] + share * array[index + width] : array[index];
 
     const poseAt = (array, count, robot) => {
       const index = 3 * (state * count + robot);
@@ -93,9 +104,10 @@
       const index = 2 * (state * episode.people + p);
       const width = 2 * episode.people;
       const [, intent, switchTime] = holding(episode.legs[p], state);
+      const walks = !share || !crowdbench.enters(episode, p, state + 1);
       people.push({
-        position: [mix(episode.position, index, width), mix(episode.position, index + 1, width)],
-        velocity: [mix(episode.velocity, index, width), mix(episode.velocity, index + 1, width)],
+        position: [0, 1].map((axis) => mix(episode.position, index + axis, width, walks)),
+        velocity: [0, 1].map((axis) => mix(episode.velocity, index + axis, width, walks)),
         goal: holding(episode.goals[p], state).slice(1),
         intent: episode.intents[intent],
         switchTime,

@@ -122,6 +122,7 @@
       frame.people.forEach((person, p) => {
         const path = [];
         for (let state = first; state <= frame.state; state++) {
+          if (path.length && crowdbench.enters(episode, p, state)) path.length = 0;
           const index = 2 * (state * episode.people + p);
           path.push([episode.position[index], episode.position[index + 1]]);
         }

@@ -55,7 +55,7 @@ def test_each_difference_is_said_with_what_it_was_in_training(changes, said):
     assert not TrainedRobot.of(spec(changes)).differences(spec(changes))
 
 
-@pytest.mark.parametrize("name", crowdbench.scenario_names())
+@pytest.mark.parametrize("name", crowdbench.scenario_names("paper"))
 def test_the_robot_of_the_shipped_scenarios_is_the_one_of_training(name):
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario(name))
     assert TrainedRobot().differences(robot) == []

@@ -99,6 +99,21 @@ def test_between_states_places_are_on_the_line_between(page, site, stored):
         np.testing.assert_allclose(shown, 0.75 * array[2] + 0.25 * array[3], atol=1e-6)
 
 
+def test_who_enters_anew_does_not_slide_there(page, site, stored):
+    watch(page, site, CORRIDOR, "straight_line", 900000)
+    episode = {
+        "period": 0.2, "steps": 2, "people": 2, "otherCount": 0, "others": [], "pose": [0] * 9,
+        "motion": [0] * 4, "radii": [0.25] * 2, "intents": ["keep"],
+        "position": [0, 0, 0, 1, 0.2, 0, -6, 1, 0.4, 0, -5.8, 1], "velocity": [1, 0] * 6,
+        "legs": [[[0, 0, 9]]] * 2, "goals": [[[0, 9, 9]]] * 2, "sees": [[[0, 1]]] * 2,
+    }  # fmt: skip
+    between = page.evaluate(
+        "episode => [0.1, 0.3].map(t => crowdbench.frame(episode, t).people.map(p => p.position))",
+        episode,
+    )
+    np.testing.assert_allclose(between, [[[0.1, 0], [0, 1]], [[0.3, 0], [-5.9, 1]]], atol=1e-12)
+
+
 def test_what_is_on_the_canvas_is_where_the_log_has_it(page, site, stored):
     """Colours under the places of the log: the robot's white arrow, blue people, a green goal."""
     episode = stored.episodes[CORRIDOR, "straight_line", 900000, "robot_0"]
@@ -265,17 +280,25 @@ def test_layers_are_drawn_only_while_they_are_switched_on(page, site, stored):
 
 
 @pytest.mark.parametrize(
-    ("name", "robot"),
-    [("open", "robot_0"), ("two_robots", "robot_0"), ("two_robots", "robot_1")],
+    ("name", "robot", "mount"),
+    [
+        ("open", "robot_0", [0.0, 0.0, 0.0]),
+        ("two_robots", "robot_0", [0.0, 0.0, 0.0]),
+        ("two_robots", "robot_1", [0.2, -0.1, 0.5]),
+    ],
 )
-def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
+def test_the_lidar_is_the_simulations(page, site, stored, name, robot, mount):
     """Against the simulation's ray caster, in the same state of the log."""
     world, place = stored.worlds[name], stored.labels[name]
     episode = stored.episodes[place, "straight_line", 900000, robot]
     watch(page, site, place, "straight_line", 900000, robot)
-    for state in (0, 3, episode.steps):
+    page.evaluate("(mount) => { crowdbench.viewer.scenes[0].lidar.mount = mount; }", mount)
+    for state in (3, 0, episode.steps):
         scrub(page, state * episode.control_period)
         shown = page.evaluate("crowdbench.viewer.scenes[0].scan")
+        x, y, heading = episode.robot_pose[state]
+        turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+        ahead, left = turn @ mount[:2]
         others = [
             footprint_segments(pose, *episode.footprint)
             for pose in episode.other_robots[state]
@@ -283,7 +306,7 @@ def test_the_lidar_is_the_simulations(page, site, stored, name, robot):
         ]
         expected = np.empty(world.lidar.beams, dtype=np.float32)
         cast_rays(
-            episode.robot_pose[state],
+            np.array([x + ahead, y + left, heading + mount[2]]),
             beam_table(lidar_angles(world)),
             np.column_stack([episode.pedestrian_position[state], episode.pedestrian_radius]),
             episode.obstacles,
