@@ -2,11 +2,11 @@
 
     python benchmarks/people.py FILE ... [--models orca social_force] [--figure people.png]
 
-Everybody enters where and when recorded, wants to walk the recorded way at the speed that was
-exceeded a tenth of the time, and is moved by the walking model among the recording's walls. Both
-crowds are measured alike (``crowdbench.people.likeness``). The distance between two distributions
-is the earth mover's; its interval comes from blocks of five seconds, drawn again. As a yardstick,
-the first half of the recording is compared with its second.
+Everybody enters where and when recorded, wants to walk the recorded way at the speed that it was
+walked with where nobody was near, and is moved by the walking model among the recording's walls.
+Both crowds are measured alike (``crowdbench.people.likeness``). The distance between two
+distributions is the earth mover's; its interval comes from blocks of five seconds, drawn again. As
+a yardstick, the first half of the recording is compared with its second.
 """
 
 from __future__ import annotations
@@ -20,16 +20,21 @@ from scipy.stats import wasserstein_distance
 
 from crowdbench.extensions import WALKING_MODELS
 from crowdbench.people import CrowdRecording, read_recording
-from crowdbench.people.likeness import MEASURES, Frames, densities
+from crowdbench.people.likeness import MEASURES, Frames, densities, local_density
 from crowdbench.simulation.pedestrians import preferred_velocity
 from crowdbench.simulation.walking import Crowd
 
+FloatArray = NDArray[np.float64]
 PERIOD = 0.2
 BLOCK = 5.0
 """Length of the pieces that are drawn again [s]."""
 REPEATS = 200
 LOOK_AHEAD = 1.5
 """How far ahead on the recorded way somebody aims [m]."""
+FREE = 0.5
+"""Up to this density people walk as fast as they like [1/m2]."""
+LEAST = 5
+"""Steps in which somebody has to be that free for a speed of one's own."""
 SLOWEST = 0.3
 """Preferred speeds are not below this [m/s]."""
 RADIUS = 0.2
@@ -40,30 +45,44 @@ PATIENCE = 2.0
 
 
 class Ways:
-    """The recorded ways at equal steps, for people who are to walk them again."""
+    """The recorded ways, for people who are to walk them again."""
 
     def __init__(self, recording: CrowdRecording) -> None:
         """Take all tracks of a metre and more."""
         begins, ends = recording.starts[:-1], recording.starts[1:]
-        self.ways, self.begin, self.duration, self.speed = [], [], [], []
+        self.ways, self.begin, self.duration = [], [], []
+        kept = []
         for track, (first, last) in enumerate(zip(begins.tolist(), ends.tolist(), strict=True)):
             places = recording.positions[first:last]
             if np.linalg.norm(places[-1] - places[0]) < 1.0:
                 continue
+            kept.append(track)
             self.ways.append(places)
             self.begin.append(float(recording.begins[track]))
             self.duration.append(float(recording.ends[track] - recording.begins[track]))
-            fast = float(np.percentile(recording.speeds[first:last], 90))
-            self.speed.append(max(fast, SLOWEST))
+        self.speed = free_speeds(recorded(recording))[kept]
 
-    def aim(self, person: int, place: NDArray[np.float64], passed: int) -> tuple[int, NDArray]:
-        """The row of the way that has been passed, and the point ``LOOK_AHEAD`` beyond it."""
+    def aim(self, person: int, place: FloatArray, passed: int) -> tuple[int, FloatArray]:
+        """The row of the way that has been passed, and the first ``LOOK_AHEAD`` away after it."""
         way = self.ways[person]
         ahead = way[passed : passed + 50]
         passed += int(np.argmin(((ahead - place) ** 2).sum(axis=1)))
-        rest = way[passed:]
-        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
-        return passed, rest[min(int(np.searchsorted(length, LOOK_AHEAD)), len(rest) - 1)]
+        far = ((way[passed:] - place) ** 2).sum(axis=1) >= LOOK_AHEAD**2
+        return passed, way[passed + int(far.argmax())] if far.any() else way[-1]
+
+
+def free_speeds(real: Frames) -> FloatArray:
+    """(P,) median speed of each person where hardly anybody is near [m/s].
+
+    Of those who are never that free, the median of all who are: in a crowd one is slower than one
+    would like to be.
+    """
+    free = np.where(local_density(real) <= FREE, real.speed, np.nan)
+    known = np.isfinite(free).sum(axis=0) >= LEAST
+    everybody = float(np.nanmedian(free)) if known.any() else 1.34
+    speeds = np.full(free.shape[1], everybody)
+    speeds[known] = np.nanmedian(free[:, known], axis=0)
+    return np.maximum(speeds, SLOWEST)
 
 
 def recorded(recording: CrowdRecording) -> Frames:

@@ -20,11 +20,11 @@ AGENTS = (
 )
 RUNGS = (
     Method("informed", "Everything known", EPISODES, bound=True),
-    Method("informed:view=lidar", "... of people whom a LiDAR hits", EPISODES, bound=True),
+    Method("informed:view=lidar", "Everything of people in view", EPISODES, bound=True),
     Method("informed:intent=sampled", "Intents unknown, walking known", EPISODES, bound=True),
     Method("informed:intent=velocity", "People walk on as they do", EPISODES, bound=True),
     Method(
-        "informed:intent=velocity,view=lidar", "... of people whom a LiDAR hits", EPISODES,
+        "informed:intent=velocity,view=lidar", "The same of people in view", EPISODES,
         bound=True,
     ),
     Method("straight_line", "Straight line", EPISODES, bound=True),

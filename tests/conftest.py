@@ -3,7 +3,13 @@
 import os
 import signal
 
+import hypothesis
 import pytest
+
+# A test that fails is the fault of what was changed, not of new random examples.
+# `pytest --hypothesis-profile default` looks for those.
+hypothesis.settings.register_profile("repeatable", derandomize=True)
+hypothesis.settings.load_profile("repeatable")
 
 # Several test processes share the cores; this has to be said before numpy and torch are loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")

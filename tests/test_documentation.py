@@ -17,22 +17,27 @@ PAGES = [
     "docs/tutorial.md",
     "docs/add_an_agent.md",
     "docs/add_a_metric.md",
-    "docs/train_with_your_library.md",
-    "docs/stable_baselines3.md",
-    "docs/onnx.md",
-    "docs/minari.md",
     "docs/write_a_scenario.md",
     "docs/maps.md",
-    "docs/add_a_walking_model.md",
     "docs/add_a_drive.md",
-    "docs/several_robots.md",
     "docs/pedestrians_as_agents.md",
     "docs/people.md",
     "docs/reproduce_the_tables.md",
     "docs/write_a_study.md",
-    "docs/clusters.md",
-    pytest.param("docs/benchmarl.md", marks=pytest.mark.slow),
-    pytest.param("docs/rllib.md", marks=pytest.mark.slow),
+    *(
+        pytest.param(f"docs/{name}.md", marks=pytest.mark.slow)
+        for name in (
+            "train_with_your_library",
+            "stable_baselines3",
+            "onnx",
+            "minari",
+            "add_a_walking_model",
+            "several_robots",
+            "clusters",
+            "benchmarl",
+            "rllib",
+        )
+    ),
 ]
 
 

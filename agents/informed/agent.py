@@ -27,7 +27,12 @@ import numpy as np
 from crowdbench_agents.geometry.under_way import drive_ahead
 from crowdbench_agents.informed.distance_field import DistanceField
 from crowdbench_agents.informed.goals import Goals
-from crowdbench_agents.informed.prediction import predict, recorded, walking_on
+from crowdbench_agents.informed.prediction import (
+    predict,
+    recorded,
+    together,
+    walking_on,
+)
 from crowdbench_agents.informed.search import (
     HORIZON,
     LOST,
@@ -137,7 +142,7 @@ class Informed(crowdbench.Agent):
 
     def _told(self, state):
         """What it is told of the state: one that may be true for each possible future."""
-        told = [state]
+        told = [together(state)]
         seen = in_view(self._view, self._index, self._robot, state)
         if self._intent == "velocity":
             told = [walking_on(state)]
@@ -151,7 +156,7 @@ class Informed(crowdbench.Agent):
             robot = self._robot
             self._goals = Goals(state, robot.control_period, robot.radius, self._futures, self._rng)
         self._goals.update(state, seen)
-        return self._goals.draw(state)
+        return [together(future) for future in self._goals.draw(state)]
 
     def _search(self, pose, velocity, state, future, spread, share):
         robot = self._robot
@@ -199,7 +204,7 @@ class Informed(crowdbench.Agent):
             goal,
             known["pedestrian_next_goal"],
             known["pedestrian_switch_time"],
-            known.get("pedestrian_way", goal[:, None]),
+            known["pedestrian_way"],
             known.get("pedestrian_further", np.empty((len(goal), 0, 2))),
             np.where(known["pedestrian_walks_on"], -np.inf, known["pedestrian_served_time"]),
             known["pedestrian_stop_time"],

@@ -26,6 +26,8 @@ DIRECTIONS = 180
 """Preferred directions that are tried."""
 NOISE = 0.05
 """Standard deviation of a walk from what the model says of the nearest direction [m/s]."""
+GROUP_NOISE = 0.2
+"""The same of a group's mean velocity from the direction to its goal [m/s]."""
 FLOOR = 1e-5
 """What a walk counts for where the model does not explain it."""
 FURTHER = 2
@@ -76,7 +78,7 @@ class Goals:
             if before is None or (start[p] != before["pedestrian_start"][p]).any():
                 self._begin_leg(p, state, before)
         if before is None:
-            likely = _of_velocities(state["pedestrian_velocity"], state["pedestrian_speed"])
+            likely = _of_velocities(state["pedestrian_velocity"], state["pedestrian_speed"], NOISE)
             place = state["pedestrian_position"]
         else:
             place = before["pedestrian_position"]
@@ -84,6 +86,7 @@ class Goals:
                 place,
                 before["pedestrian_velocity"],
                 state["pedestrian_speed"],
+                state["pedestrian_acceleration"],
                 state["pedestrian_radius"],
                 state["pedestrian_reactive"],
                 before["robot_active"],
@@ -95,13 +98,15 @@ class Goals:
                 self._period,
                 state["pedestrian_velocity"],
             )
+        grouped = state["pedestrian_group"] >= 0
+        if grouped.any():
+            likely[grouped] = _of_velocities(*_of_groups(state, grouped), GROUP_NOISE)
         _weigh(self._weights, self._cells, place, likely, seen)
         self._before = state
 
     def draw(self, state):
         """States of the world, one for each future, with goals that may be the true ones."""
         futures, people = self._draws.shape[:2]
-        stands = ~state["pedestrian_walks_on"]
         goal, next_goal = np.empty((futures, people, 2)), np.empty((futures, people, 2))
         switch_time = np.empty((futures, people))
         further = np.empty((futures, people, FURTHER, 2))
@@ -123,8 +128,16 @@ class Goals:
             switch_time,
             further,
         )
-        for future in (goal, next_goal):  # who stands does so for all to see
-            future[:, stands] = state["pedestrian_position"][stands]
+        way = np.repeat(goal[:, :, None], state["pedestrian_way"].shape[1], axis=2)
+        # Who walks in a stream shows by its direction where it goes, and leaves there.
+        streams = state["pedestrian_stream"] >= 0
+        way[:, streams] = state["pedestrian_way"][streams]
+        goal[:, streams] = state["pedestrian_goal"][streams]
+        further[:, streams] = goal[:, streams, None]
+        # Who stands does so for all to see.
+        stands = ~(state["pedestrian_walks_on"] | (state["pedestrian_group"] >= 0))
+        goal[:, stands] = next_goal[:, stands] = state["pedestrian_goal"][stands]
+        way[:, stands] = goal[:, stands, None]
         told = without_hidden(state)
         return [
             {
@@ -132,6 +145,7 @@ class Goals:
                 "pedestrian_goal": goal[k],
                 "pedestrian_next_goal": next_goal[k],
                 "pedestrian_switch_time": switch_time[k],
+                "pedestrian_way": way[k],
                 "pedestrian_further": further[k],
             }
             for k in range(futures)
@@ -162,6 +176,19 @@ class Goals:
         draws[:, _GOAL] = (self._rng.permutation(len(draws)) + draws[:, _GOAL]) / len(draws)
 
 
+def _of_groups(state, grouped):
+    """Mean velocities (G, 2) of the groups of all grouped people, at their pace (G,)."""
+    group, velocity = state["pedestrian_group"], state["pedestrian_velocity"]
+    chosen = np.flatnonzero(grouped)
+    means, paces = np.empty((len(chosen), 2)), np.empty(len(chosen))
+    for i, p in enumerate(chosen):
+        members = group == group[p]
+        x, y = velocity[members].mean(axis=0)
+        paces[i] = state["pedestrian_speed"][members].min()
+        means[i] = np.array([x, y]) * (paces[i] / max(math.hypot(x, y), 1e-3))
+    return means, paces
+
+
 def _middles(side):
     """Middles of the cells along a side of the area."""
     count = max(1, math.ceil(side / CELL))
@@ -169,14 +196,15 @@ def _middles(side):
 
 
 @compiled()
-def _of_velocities(velocity, speed):
+def _of_velocities(velocity, speed, noise):
     """(P, DIRECTIONS) how likely a velocity is for each preferred direction, with nobody near."""
     likely = np.empty((len(velocity), DIRECTIONS))
     for a in range(DIRECTIONS):
         angle = 2 * math.pi * a / DIRECTIONS
         x, y = math.cos(angle), math.sin(angle)
         for p in range(len(velocity)):
-            likely[p, a] = _density(velocity[p, 0] - speed[p] * x, velocity[p, 1] - speed[p] * y)
+            dx, dy = velocity[p, 0] - speed[p] * x, velocity[p, 1] - speed[p] * y
+            likely[p, a] = _density(dx, dy, noise)
     return likely
 
 
@@ -185,6 +213,7 @@ def _of_walks(
     position,
     velocity,
     speed,
+    acceleration,
     radius,
     reactive,
     active,
@@ -220,14 +249,18 @@ def _of_walks(
                 robot_radius, 0.5, obstacles, walls, period, out,
             )  # fmt: skip
             for p in range(people):
-                density = _density(walked[p, 0] - out[p, 0], walked[p, 1] - out[p, 1])
-                likely[p, a] = max(likely[p, a], density)
+                dx, dy = out[p, 0] - velocity[p, 0], out[p, 1] - velocity[p, 1]
+                share = math.hypot(dx, dy) / (acceleration[p] * period)
+                if share > 1.0:
+                    dx, dy = dx / share, dy / share
+                dx, dy = walked[p, 0] - velocity[p, 0] - dx, walked[p, 1] - velocity[p, 1] - dy
+                likely[p, a] = max(likely[p, a], _density(dx, dy, NOISE))
     return likely
 
 
 @compiled()
-def _density(dx, dy):
-    return math.exp(-(dx * dx + dy * dy) / (2 * NOISE * NOISE))
+def _density(dx, dy, noise):
+    return math.exp(-(dx * dx + dy * dy) / (2 * noise * noise))
 
 
 @compiled()

@@ -16,16 +16,37 @@ SURPRISE = 1.2
 """Time after which a pedestrian's unknown next goal will have been noticed [s]."""
 GONE = 2.5
 """A pedestrian with an unknown goal counts as gone after a walk of this length [m]."""
-_HIDDEN = ("recorded_ahead", "pedestrian_way")
 STRAIGHT_ON = 100.0
 """People who walk on as they do have goals as far away as they would get in this time [s]."""
 
 
 def without_hidden(state):
     """A state without what people will do beside walking to their goals."""
-    told = {name: value for name, value in state.items() if name not in _HIDDEN}
+    told = {name: value for name, value in state.items() if name != "recorded_ahead"}
     nothing = np.full(len(state["pedestrian_position"]), np.inf)
     return {**told, "pedestrian_stop_time": nothing, "pedestrian_served_time": nothing}
+
+
+def together(state):
+    """A state in which groups keep their formation and the pace of their slowest."""
+    group = state["pedestrian_group"]
+    if (group < 0).all():
+        return state
+    leader = np.arange(len(group))
+    speed = state["pedestrian_speed"].copy()
+    for g in np.unique(group[group >= 0]):
+        members = np.flatnonzero(group == g)
+        leader[members], speed[members] = members[0], speed[members].min()
+    place = state["pedestrian_position"]
+    offset = place - place[leader]
+    led = {"pedestrian_speed": speed}
+    for name in ("goal", "next_goal", "way", "further"):
+        if (points := state.get(f"pedestrian_{name}")) is not None:
+            aside = offset if points.ndim == 2 else offset[:, None]
+            led[f"pedestrian_{name}"] = points[leader] + aside
+    for name in ("switch_time", "walks_on", "stop_time", "stop_end"):
+        led[f"pedestrian_{name}"] = state[f"pedestrian_{name}"][leader]
+    return {**state, **led}
 
 
 def walking_on(state):
@@ -37,6 +58,7 @@ def walking_on(state):
         **without_hidden(state),
         "pedestrian_goal": goal,
         "pedestrian_next_goal": goal,
+        "pedestrian_way": goal[:, None],
         "pedestrian_switch_time": np.full(len(goal), np.inf),
         "pedestrian_speed": np.sqrt(vx * vx + vy * vy),
     }

@@ -61,14 +61,20 @@ class Frames:
         return Frames(self.position[begin:end], self.period)
 
 
-def densities(frames: Frames) -> tuple[FloatArray, FloatArray]:
-    """Density around everybody [1/m2] and how fast they walk in it [m/s], a value per step."""
-    density, speed = [], []
+def local_density(frames: Frames) -> FloatArray:
+    """(T, P) people within ``AROUND`` of everybody, oneself included, by that area [1/m2]."""
+    density = np.where(np.isfinite(frames.speed), 1 / (np.pi * AROUND**2), np.nan)
     for k, there, offset in _neighbours(frames):
         apart = np.sqrt((offset**2).sum(axis=2))
-        density.append((apart <= AROUND).sum(axis=1) / (np.pi * AROUND**2))
-        speed.append(frames.speed[k, there])
-    return _joined(density), _joined(speed)
+        density[k, there] = (apart <= AROUND).sum(axis=1) / (np.pi * AROUND**2)
+    return density
+
+
+def densities(frames: Frames) -> tuple[FloatArray, FloatArray]:
+    """Density around everybody [1/m2] and how fast they walk in it [m/s], a value per step."""
+    density = local_density(frames)
+    known = np.isfinite(density)
+    return density[known], frames.speed[known]
 
 
 def nearest_distance(frames: Frames) -> FloatArray:

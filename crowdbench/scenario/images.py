@@ -168,7 +168,22 @@ def _simplified(polygon: Any) -> Any:
     fine, coarse = (shapely.simplify(polygon, tolerance) for tolerance in (_FINE, _COARSE))
     corners = [shapely.get_num_coordinates(outline) for outline in (fine, coarse)]
     alike = abs(coarse.area - polygon.area) <= _SHARE * polygon.area
-    return coarse if alike and 2 * corners[1] <= corners[0] else fine
+    if alike and 2 * corners[1] <= corners[0] and _is_near(coarse, polygon):
+        return coarse
+    return fine if _is_near(fine, polygon) else polygon
+
+
+def _is_near(simplified: Any, polygon: Any) -> bool:
+    """Whether each corner is within a pixel of the simplified outline.
+
+    GEOS takes the corner where an outline begins away last, and with it can exceed its tolerance.
+    """
+    import shapely
+
+    corners = shapely.points(shapely.get_coordinates(polygon))
+    outline = simplified.boundary
+    shapely.prepare(outline)
+    return bool(shapely.dwithin(outline, corners, 1.0 + 1e-9).all())
 
 
 def _without_holes(polygon: Any) -> list[Any]:

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.messages import quoted, short
-from crowdbench.people import CrowdRecording, RecordingError, read_recording
 from crowdbench.scenario.digest import later
 from crowdbench.scenario.fields import Positive, Section, Text
 
 if TYPE_CHECKING:
+    from crowdbench.people import CrowdRecording
     from crowdbench.scenario.model import Scenario
 
 AHEAD = 10.0
@@ -105,6 +105,8 @@ def load(settings: Recording) -> tuple[CrowdRecording, str]:
     Raises:
         ValueError: it cannot be read, or is another one than when its hash was noted.
     """
+    from crowdbench.people import RecordingError
+
     path = Path(settings.file)
     try:
         stamp = path.stat()
@@ -146,6 +148,8 @@ def most_tracks(recording: CrowdRecording, window: float) -> int:
 def _read(
     path: Path, unit: str | None, fps: float | None, _time: int, _size: int
 ) -> tuple[CrowdRecording, str]:
+    from crowdbench.people import read_recording
+
     recording = read_recording(path, unit, fps)
     with path.open("rb") as file:
         return recording, hashlib.file_digest(file, "sha256").hexdigest()

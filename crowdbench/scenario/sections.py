@@ -28,7 +28,7 @@ from crowdbench.scenario.places import Box, Centre, Place, Polygons, Regions, Wa
 
 
 class Arena(Section):
-    """Where the scene takes place; the origin is its centre, a corridor runs along x."""
+    """Where the scene takes place, by default around the origin; a corridor runs along x."""
 
     kind: Literal["open", "corridor", "map"] = Field(
         "open", description="a corridor has walls on its long sides, a map those that it says"

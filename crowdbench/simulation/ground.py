@@ -128,7 +128,8 @@ class Ground:
         rows = self._between(self._y, min(y1, y2) - reach, max(y1, y2) + reach)
         x, y = self._x[columns] - x1, (self._y[rows] - y1)[:, None]
         ex, ey = x2 - x1, y2 - y1
-        share = np.clip((x * ex + y * ey) / (ex * ex + ey * ey), 0.0, 1.0)
+        square = ex * ex + ey * ey  # 0 where a wall is too short for its square
+        share = np.clip((x * ex + y * ey) / square, 0.0, 1.0) if square > 0.0 else 0.0
         dx, dy = x - share * ex, y - share * ey
         window = self.gap[rows, columns]
         np.minimum(window, np.sqrt(dx * dx + dy * dy), out=window)

@@ -19,8 +19,7 @@ from crowdbench.compiled import compiled
 from crowdbench.simulation.pedestrians import ARRIVAL
 
 ABREAST = 0.75
-"""From one to the next in a row, centres, as Moussaid et al. measured; more where bodies are large
-[m]."""
+"""From one to the next in a row, centres; more where bodies are large [m]."""
 BEHIND = 0.9
 """From one row to the next [m]."""
 AHEAD = 1.5

@@ -80,7 +80,10 @@ class Tracks:
 
     def ahead(self, step: int) -> NDArray[np.float64]:
         """(AHEAD / period, P, 2) where everybody will be in the control periods to come [m]."""
-        return np.stack([self.at(step + 1 + k) for k in range(round(AHEAD / self.period))])
+        count = round(AHEAD / self.period)
+        known = self.position[step + 1 : step + 1 + count]
+        past = np.full((count - len(known), *known.shape[1:]), np.nan)
+        return np.concatenate([known, past])
 
     def ways(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """First and last place of each person (P, 2) [m], and the mean speed between (P,) [m/s]."""

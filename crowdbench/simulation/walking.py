@@ -193,6 +193,7 @@ def _walk_straight(lanes, worlds, robots, people, obstacles, walls, sees):  # ty
                 people[lanes[i], p].chosen[axis] = people[lanes[i], p].preferred[axis]
 
 
+# The next two differ in one call: numba's cache does not find a function that closes over another.
 @compiled()
 def _walk_by_orca(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
     most, number = people.shape[1], robots.shape[1]

@@ -6,10 +6,7 @@ noise, and what is drawn for an episode stay in Python, in the lanes that need t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +21,10 @@ from crowdbench.simulation.habits import (
     BEFORE_CHOICE,
     BEFORE_LEGS,
     HabitLanes,
-    begin_habits,
 )
-from crowdbench.simulation.kinematics import Drive, make_drive
+from crowdbench.simulation.kinematics import make_drive
+from crowdbench.simulation.lane_episode import Episode, Prepared
+from crowdbench.simulation.lane_people import come_and_go, crowd_of
 from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
@@ -37,58 +35,20 @@ from crowdbench.simulation.lanes import (
 )
 from crowdbench.simulation.layout import Layout, place
 from crowdbench.simulation.lidar import beam_table
-from crowdbench.simulation.map_layout import Places, places_of
+from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.motion import move
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
-from crowdbench.simulation.pedestrians import KEEP, look
-from crowdbench.simulation.recorded import Recorded, Tracks, away
+from crowdbench.simulation.pedestrians import look
+from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.reward import judge
-from crowdbench.simulation.routes import Routes, routes_of
+from crowdbench.simulation.routes import routes_of
 from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
+from crowdbench.simulation.setting_out import set_out
 from crowdbench.simulation.substeps import body_speed, physics
-from crowdbench.simulation.traits import preferred_speeds
-from crowdbench.simulation.walking import Crowd, WalkingModel, make_walking_model
+from crowdbench.simulation.walking import make_walking_model
 
 Lanes = NDArray[np.int64]
-
-
-class Prepared(NamedTuple):
-    """What the episodes of a scenario share."""
-
-    scenario: Scenario
-    drive: Drive
-    world: NDArray[np.void]
-    corners: list[tuple[float, float]]
-    noisy: bool
-    drifts: bool
-    places: Places | None
-    routes: Routes | None
-
-
-@dataclass
-class Episode:
-    """What a lane keeps in Python.
-
-    Attributes:
-        prepared: of its scenario.
-        seed: that fixes it.
-        layout: where everything began.
-        bodies: what Chipmunk moves.
-        model: how pedestrians walk.
-        streams: of the pedestrians' legs.
-        noise: of the robots' LiDARs, where these are noisy.
-        odometry: of the robots, where it drifts.
-    """
-
-    prepared: Prepared
-    seed: int
-    layout: Layout
-    bodies: Bodies
-    model: WalkingModel
-    streams: list[np.random.Generator]
-    noise: list[np.random.Generator]
-    odometry: list[DriftingOdometry]
 
 
 class Worlds:
@@ -145,7 +105,7 @@ class Worlds:
         self._place_robots(lane, layout, prepared)
         if self._guidance is not None:
             self._guidance.begin(lane, prepared.places, state.robots)
-        drawing = self._place_people(lane, layout, seed, prepared)
+        drawing = set_out(state, lane, layout, seed, scenario.pedestrians, prepared.routes)
         bodies = Bodies(
             layout.robot_pose,
             prepared.corners,
@@ -185,7 +145,7 @@ class Worlds:
             model.follow(layout.tracks)
         if self._kernels[lane] is None:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
-            model.reset(self._crowd(lane), streams.walking(seed))
+            model.reset(crowd_of(state, lane, self.episode(lane)), streams.walking(seed))
 
     def ways(self, lane: int) -> NDArray[np.float64]:
         """(P, POINTS, 2) next points of people's ways, the last one repeated; else goals [m]."""
@@ -235,7 +195,7 @@ class Worlds:
         for i in np.flatnonzero(s.worlds["drive"][lanes] == kinematics.OTHER).tolist():
             self._move_by_drive(int(lanes[i]), commands[i])
         for lane in self._recorded.intersection(lanes.tolist()):
-            self._come_and_go(lane)
+            come_and_go(s, lane, self.episode(lane))
 
     def observe(self, lanes: Lanes) -> None:
         """Write what robots see, and how near the nearest thing is, into ``state``."""
@@ -299,64 +259,6 @@ class Worlds:
         robots["distance"] = np.linalg.norm(ways, axis=1)
         self._note_travel(lane, prepared)
 
-    def _place_people(
-        self, lane: int, layout: Layout, seed: int, prepared: Prepared
-    ) -> list[np.random.Generator]:
-        """Begin the first legs; returns where later ones are drawn from."""
-        s, settings = self.state, prepared.scenario.pedestrians
-        people = s.people[lane, : settings.count]
-        drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
-        draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
-        for row, stream in zip(draws, drawing, strict=True):
-            stream.random(out=row)
-        people["speed"] = preferred_speeds(settings, draws[:, 0])
-        people["acceleration"] = settings.acceleration or np.inf
-        s.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
-        people["drawn"] = 0
-        people["present"], people["preferred"] = True, 0.0
-        people["position"] = people["next_goal"] = layout.pedestrian_position
-        people["reactive"] = layout.pedestrian_reactive
-        people["radius"] = layout.traits.radius
-        if layout.tracks is not None:
-            self._follow(people, layout.tracks)
-            begin_habits(people, s.queues[lane], layout, settings)
-            return drawing
-        legs.begin(lane, s, layout.pedestrian_stage, layout.traits.first, prepared.routes)
-        ahead = legs.ways(lane, s, settings.count, prepared.routes)[:, 0] - people["position"]
-        people["heading"] = headings = [math.atan2(y, x) for x, y in ahead.tolist()]
-        directions = np.array([(math.cos(heading), math.sin(heading)) for heading in headings])
-        people["velocity"] = people["preferred"] = people["speed"][:, None] * directions.reshape(
-            -1, 2
-        )
-        begin_habits(people, s.queues[lane], layout, settings)
-        return drawing
-
-    @staticmethod
-    def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
-        """Begin as recorded."""
-        people["start"], people["goal"], people["speed"] = tracks.ways()
-        people["next_goal"], people["intent"] = people["goal"], KEEP
-        people["switch_time"] = people["deadline"] = np.inf
-        people["velocity"] = tracks.velocity(0)
-        people["present"] = np.isfinite(tracks.at(0)[:, 0])
-        people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]
-
-    def _come_and_go(self, lane: int) -> None:
-        """Let recorded people appear and leave, at the end of a control period."""
-        episode, people = self.episode(lane), self.state.people[lane]
-        assert isinstance(episode.model, Recorded)
-        tracks = episode.model.tracks
-        step = round(
-            float(self.state.worlds["time"][lane]) / episode.prepared.scenario.control_period
-        )
-        present = episode.model.present(self._crowd(lane), step)
-        places = np.where(present[:, None], tracks.at(step), away(len(present)))
-        for p in np.flatnonzero(present != people["present"][: len(present)]).tolist():
-            people["present"][p] = present[p]
-            people["position"][p] = places[p]
-            people["velocity"][p] = tracks.velocity(step)[p] if present[p] else 0.0
-            episode.bodies.place(p, *places[p].tolist())
-
     def _delay(self, lanes: Lanes, commands: NDArray[np.float64]) -> NDArray[np.float64]:
         """The commands (M, R, 2) that act now; the given ones join those under way."""
         queue = np.concatenate([self.state.under_way[lanes], commands[:, :, None]], axis=2)
@@ -374,35 +276,11 @@ class Worlds:
 
     def _choose_in_python(self, lane: int) -> None:
         episode = self.episode(lane)
-        chosen = episode.model.velocities(self._crowd(lane), float(self.state.worlds["time"][lane]))
+        crowd = crowd_of(self.state, lane, episode)
+        chosen = episode.model.velocities(crowd, float(self.state.worlds["time"][lane]))
         scenario = episode.prepared.scenario
         people = self.state.people[lane, : scenario.pedestrians.count]
         people["chosen"] = walking.checked_velocities(scenario, chosen)
-
-    def _crowd(self, lane: int) -> Crowd:
-        """A lane as walking models see it: copies, which they may keep."""
-        episode, robots = self.episode(lane), self.state.robots[lane]
-        scenario = episode.prepared.scenario
-        count = scenario.pedestrians.count
-        people = self.state.people[lane, :count]
-        return Crowd(
-            position=people["position"].copy(),
-            velocity=people["velocity"].copy(),
-            heading=people["heading"].copy(),
-            goal=np.ascontiguousarray(self.ways(lane)[:, 0]),
-            preferred_speed=people["speed"].copy(),
-            preferred_velocity=people["preferred"].copy(),
-            radius=people["radius"].copy(),
-            present=people["present"].copy(),
-            sees_robot=self.state.sees[lane, :count].copy(),
-            robot_position=robots["pose"][:, :2].copy(),
-            robot_velocity=robots["world_velocity"].copy(),
-            robot_radius=float(episode.prepared.world["robot_radius"]),
-            responsibility=scenario.pedestrians.responsibility,
-            obstacles=episode.layout.obstacles,
-            walls=episode.layout.walls,
-            period=scenario.control_period,
-        )
 
     def _move_by_drive(self, lane: int, commands: NDArray[np.float64]) -> None:
         """Move a lane whose drive comes from elsewhere."""

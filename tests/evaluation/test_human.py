@@ -160,7 +160,7 @@ def test_row_and_commands_of_a_drive_are_stored_together_or_not_at_all(
         raise OSError("the disk is gone")
 
     with monkeypatch.context() as patch, pytest.raises(ResultsError):
-        patch.setattr("crowdbench.evaluation.results.packed", fails)
+        patch.setattr("crowdbench.evaluation.inserts.packed", fails)
         human.store_drive(SCENARIO, episode, tmp_path)
     assert load_results(tmp_path).empty
     human.store_drive(SCENARIO, episode, tmp_path)

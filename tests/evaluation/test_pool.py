@@ -263,6 +263,7 @@ def test_an_error_is_the_agents_whatever_its_class_and_however_it_ends_its_proce
         assert text in row["error"]
 
 
+@pytest.mark.slow
 def test_no_answer_that_an_agent_writes_stops_the_run_or_runs_code(tmp_path, planners):
     names = ("Half", "Endless", "Orders", "Mute")
     limits = Limits(making=12)  # of the machine's time; Half and Mute take all of it

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from map_scenarios import hall
 
@@ -31,6 +31,7 @@ def solids(arena):
 
 @settings(max_examples=40, deadline=None)
 @given(WALLS, BOXES, st.floats(0.05, 0.6), METRES)
+@example([(0.0, 0.0, 0.0, 1e-192)], [], 0.5, 0.0)
 def test_a_disc_fits_wherever_a_place_is_drawn_and_cells_that_are_left_out_are_too_near(
     walls, boxes, radius, x
 ):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from alike import assert_lanes_alike
 from bodies import put
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crowdbench import Scenario, ScenarioError, parallel_env, vector_env
+from crowdbench import Scenario, ScenarioError
 from crowdbench.simulation.groups import ABREAST
 from crowdbench.simulation.layout import place
 from crowdbench.simulation.traits import draw_traits
@@ -183,21 +184,7 @@ def test_lanes_have_the_groups_of_the_single_environment_to_the_last_bit():
     corridor = PLAZA.override(
         {"arena": {"kind": "corridor", "width": 4}, "pedestrians": {"attention.away_share": 0.5}}
     )
-    scenarios = [alone, PLAZA, corridor]
-    env = vector_env(scenarios, 3, autoreset_mode="Disabled")
-    env.reset(seed=4, options={"scenario": np.array([1, 1, 2])})
-    env.reset(seed=7, options={"scenario": np.array([2, 0, 1])})
-    singles = [parallel_env(scenarios[k]) for k in (2, 0, 1)]
-    for lane, single in enumerate(singles):
-        single.reset(seed=7 + lane)
-    for _ in range(40):
-        env.step(np.zeros((3, 2)))
-        for lane, single in enumerate(singles):
-            if single.agents:
-                single.step({"robot_0": np.zeros(2)})
-                for name, value in single.state().items():
-                    assert single.state_space[name].contains(value), name
-                    np.testing.assert_array_equal(env.state(lane)[name], value, err_msg=name)
+    assert_lanes_alike([alone, PLAZA, corridor], 40)
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from alike import assert_lanes_alike
 
-from crowdbench import Scenario, ScenarioError, parallel_env, vector_env
+from crowdbench import Scenario, ScenarioError
 from crowdbench.simulation.layout import place
 from crowdbench.simulation.world import World
 
@@ -105,21 +106,7 @@ def test_lanes_have_the_queues_of_the_single_environment_to_the_last_bit():
     """Beside lanes with none, and with others."""
     shorter = HALL.override({"pedestrians.queues": [{"head": [2, 2], "count": 2}]})
     plain = HALL.override({"pedestrians.queues": [], "pedestrians.count": 3})
-    scenarios = [plain, HALL, shorter]
-    env = vector_env(scenarios, 3, autoreset_mode="Disabled")
-    env.reset(seed=4, options={"scenario": np.array([1, 1, 2])})
-    env.reset(seed=7, options={"scenario": np.array([2, 0, 1])})
-    singles = [parallel_env(scenarios[k]) for k in (2, 0, 1)]
-    for lane, single in enumerate(singles):
-        single.reset(seed=7 + lane)
-    for _ in range(60):
-        env.step(np.zeros((3, 2)))
-        for lane, single in enumerate(singles):
-            if single.agents:
-                single.step({"robot_0": np.zeros(2)})
-                for name, value in single.state().items():
-                    assert single.state_space[name].contains(value), name
-                    np.testing.assert_array_equal(env.state(lane)[name], value, err_msg=name)
+    assert_lanes_alike([plain, HALL, shorter], 60)
 
 
 @pytest.mark.parametrize(

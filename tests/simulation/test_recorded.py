@@ -70,11 +70,14 @@ def test_nobody_walks_otherwise_than_recorded(recording, seed):
         if len(known.at(moment).tracks) == np.isfinite(states[0]["pedestrian_position"][:, 0]).sum()
         and np.allclose(_there(states[0]), known.at(moment).positions - origin, atol=6e-3)
     )
+    compared = 0
     for k, state in enumerate(states):
         expected = known.at(begin + 0.2 * k).positions - origin
         seen = _there(state)
         if len(seen) == len(expected):  # the moment is known to a hundredth of a second
             np.testing.assert_allclose(seen, expected, atol=0.01)
+            compared += 1
+    assert compared > 0.8 * len(states)
 
 
 def _there(state):

@@ -119,6 +119,7 @@ def test_whoever_arrives_in_a_future_walks_on_to_the_next_goal_drawn():
     (future, *_) = goals.draw(state)
     place = state["pedestrian_position"][0]
     future["pedestrian_goal"] = future["pedestrian_next_goal"] = place[None] + [0.5, 0.0]
+    future["pedestrian_way"] = future["pedestrian_goal"][:, None]
     future["pedestrian_further"] = np.array([[[place[0] + 0.5, place[1] + 9.0], [0.0, 0.0]]])
     agent = Informed(intent="sampled")
     agent.reset(env.robot_spec(), 0)
@@ -142,3 +143,40 @@ def test_the_same_seed_gives_the_same_drive():
         return np.array(actions)
 
     np.testing.assert_array_equal(drive(5), drive(5))
+
+
+def test_groups_go_where_their_first_is_believed_to_go_side_by_side():
+    crowd = {"count": 8, "reactive": 0, "groups": {"share": 1.0, "size": (2, 2)}}
+    env = crowdbench.parallel_env("unimodal_fast", pedestrians=crowd)
+    env.reset(seed=SEED)
+    state = env.state()
+    agent = Informed(intent="sampled", futures=3)
+    agent.reset(env.robot_spec(), 0)
+    for future in agent._told(state):
+        for g in range(4):
+            one, other = np.flatnonzero(state["pedestrian_group"] == g)
+            apart = state["pedestrian_position"][other] - state["pedestrian_position"][one]
+            goals = future["pedestrian_goal"]
+            np.testing.assert_allclose(goals[other] - goals[one], apart)
+            speeds = state["pedestrian_speed"][[one, other]]
+            assert future["pedestrian_speed"][one] == future["pedestrian_speed"][other]
+            assert future["pedestrian_speed"][one] == speeds.min()
+
+
+def test_who_walks_in_a_stream_is_believed_to_go_its_way():
+    streams = [{"start": "west", "goal": "east"}]
+    regions = {"west": [-9, -5, -8, 5], "east": [8, -5, 9, 5], "robot": [-2, -2, 2, 2]}
+    arena = {"kind": "map", "length": 20, "width": 12, "regions": regions}
+    env = crowdbench.parallel_env(
+        "unimodal_fast",
+        arena=arena,
+        robots={"start": "robot", "goal": "east"},
+        pedestrians={"count": 6, "streams": streams},
+    )
+    env.reset(seed=SEED)
+    state = env.state()
+    agent = Informed(intent="sampled", futures=2)
+    agent.reset(env.robot_spec(), 0)
+    for future in agent._told(state):
+        np.testing.assert_array_equal(future["pedestrian_way"], state["pedestrian_way"])
+        assert (future["pedestrian_goal"][:, 0] > 7.5).all()

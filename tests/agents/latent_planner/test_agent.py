@@ -198,9 +198,7 @@ def test_policy_executed_open_loop_goes_through_the_model(weights):
     agent.act(first)
     action = agent.act(second)
     model, config, _ = load_world_model(weights)
-    drawn = crowdbench.ObstacleMap(
-        ROBOT.lidar_angles, ROBOT.lidar_range, config.perception.geometry
-    )
+    drawn = crowdbench.ObstacleMap(ROBOT, config.perception.geometry)
     arrays = (drawn.update(first.lidar, first.pose), first.velocity, first.goal)
     z = model.encode(Inputs(*(torch.from_numpy(array[None]) for array in arrays)))
     expected = model.act(model.next(z, model.act(z)))[0].numpy()

@@ -4,6 +4,7 @@ import threading
 
 import crowdbench_agents.learning.demonstrations as module
 import numpy as np
+import pytest
 from crowdbench_agents.learning.demonstrations import LANES, Demonstrations
 from crowdbench_agents.learning.experts import Experts
 from simple_kind import SMALL
@@ -19,6 +20,7 @@ def demonstrations(folder):
     return Demonstrations(folder, config, robot, social=True)
 
 
+@pytest.mark.slow
 def test_of_two_runs_that_start_together_one_records_and_the_other_waits(
     in_empty_folder, monkeypatch
 ):
