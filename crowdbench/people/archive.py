@@ -22,6 +22,9 @@ from crowdbench.people.table import require_numbers, require_whole_end, whole
 PETRACK = {"id": 0, "frame": 1, "x": 2, "y": 3}
 """Where the columns of that text are; height or more may follow."""
 
+_DAMAGE = (
+    OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError
+)  # fmt: skip
 _LONGEST = 200
 """Of what pedpy says of a file [characters]."""
 
@@ -34,13 +37,15 @@ def read_petrack(path: Path, given: Stated) -> Rows:
     """
     pedpy = _pedpy(path)
     require_whole_end(path)
-    unit, fps = settle(path, _petrack_header(path), given)
+    unit, fps = settle(path, petrack_header(path), given)
     assert unit is not None and fps is not None
     known = pedpy.TrajectoryUnit.CENTIMETER if unit == "cm" else pedpy.TrajectoryUnit.METER
     try:
         data = pedpy.load_trajectory(
             trajectory_file=path, default_frame_rate=fps, default_unit=known
         )
+    except OverflowError as error:
+        raise RecordingError(f"{path}: an id or frame is 2^63 or more") from error
     except (ValueError, TypeError) as error:
         require_numbers(path, PETRACK, None)
         raise RecordingError(f"{path}: {error}") from error
@@ -52,7 +57,8 @@ def read_petrack(path: Path, given: Stated) -> Rows:
     return _rows(path, f"PeTrack text in {unit}", table, float(data.frame_rate), (), unit)
 
 
-def _petrack_header(path: Path) -> Stated:
+def petrack_header(path: Path) -> Stated:
+    """What the comments say that such a text begins with."""
     unit = fps = None
     with path.open(encoding="utf-8-sig") as file:
         for line in file:
@@ -122,7 +128,7 @@ def _binary(
         data = load(trajectory_file=path)
         area, fps = walls(), float(data.frame_rate)
         table = data.data[["id", "frame", "x", "y"]].astype("float64")
-    except (PedPyError, OSError, LookupError, ValueError, TypeError, AttributeError) as error:
+    except (PedPyError, *_DAMAGE) as error:
         told = " ".join(str(error).split())
         told = told if len(told) <= _LONGEST else f"{told[: _LONGEST - 3]}..."
         raise RecordingError(f"{path}: {kind} that pedpy cannot read: {told}") from error
