@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from crowdbench.messages import brief
 from crowdbench.people.cleaning import UNITS, Rows
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import FloatArray
@@ -25,8 +26,6 @@ PETRACK = {"id": 0, "frame": 1, "x": 2, "y": 3}
 _DAMAGE = (
     OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError
 )  # fmt: skip
-_LONGEST = 200
-"""Of what pedpy says of a file [characters]."""
 
 
 def read_petrack(path: Path, given: Stated) -> Rows:
@@ -48,7 +47,7 @@ def read_petrack(path: Path, given: Stated) -> Rows:
         raise RecordingError(f"{path}: an id or frame is 2^63 or more") from error
     except (ValueError, TypeError) as error:
         require_numbers(path, PETRACK, None)
-        raise RecordingError(f"{path}: {error}") from error
+        raise RecordingError(f"{path}: {brief(error)}") from error
     table = data.data[["id", "frame", "x", "y"]]
     if table[["x", "y"]].isna().to_numpy().any():
         require_numbers(path, PETRACK, None)
@@ -129,8 +128,7 @@ def _binary(
         area, fps = walls(), float(data.frame_rate)
         table = data.data[["id", "frame", "x", "y"]].astype("float64")
     except (PedPyError, *_DAMAGE) as error:
-        told = " ".join(str(error).split())
-        told = told if len(told) <= _LONGEST else f"{told[: _LONGEST - 3]}..."
+        told = brief(error)
         raise RecordingError(f"{path}: {kind} that pedpy cannot read: {told}") from error
     settle(path, Stated("m", fps), given)
     lines = () if area is None else _lines(area.polygon)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from crowdbench.messages import brief
 from crowdbench.people.cleaning import UNITS, clean
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import CrowdRecording
@@ -49,7 +50,7 @@ def read_recording(
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: not text in UTF-8 ({error})") from error
+        raise RecordingError(f"{path}: not text in UTF-8 ({brief(error)})") from error
 
 
 def _read(path: Path, head: bytes, given: Stated) -> CrowdRecording:

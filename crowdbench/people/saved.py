@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench.messages import brief
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import CrowdRecording, IntArray
 from crowdbench.people.stated import Stated, settle
@@ -17,6 +18,9 @@ _ARRAYS = {"people": "i1", "starts": "i1", "times": "f1", "frames": "i1", "posit
 _ARRAYS |= {"interpolated": "b1", "name": "U0", "kind": "U0", "period": "f0"}
 _ARRAYS |= {"wall_points": "f2", "wall_starts": "i1"}
 """What is in the file, of which kind each is, and how many dimensions it has."""
+_DAMAGE = (
+    OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile
+)  # fmt: skip
 
 
 def save(recording: CrowdRecording, path: Path) -> None:
@@ -47,10 +51,9 @@ def load(path: Path, given: Stated) -> CrowdRecording:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in _ARRAYS}
-    except (ValueError, EOFError, KeyError, OSError, zipfile.BadZipFile, zlib.error) as error:
-        told = " ".join(str(error).split())
+    except _DAMAGE as error:
         raise RecordingError(
-            f"{path}: damaged, or not from `crowdbench people --save` ({told})"
+            f"{path}: damaged, or not from `crowdbench people --save` ({brief(error)})"
         ) from error
     if any(f"{array.dtype.kind}{array.ndim}" != _ARRAYS[name] for name, array in arrays.items()):
         raise RecordingError(f"{path}: not from `crowdbench people --save`")

@@ -130,6 +130,14 @@ def test_a_saved_recording_that_has_been_cut_off_is_refused(write, tmp_path):
     assert told.startswith(": damaged, or not from `crowdbench people --save`")
 
 
+def test_a_saved_recording_that_nobody_can_unpack_is_refused(write, tmp_path):
+    save(read_recording(petrack(write)), tmp_path / "walk.npz")
+    archive = bytearray((tmp_path / "walk.npz").read_bytes())
+    archive[archive.index(b"PK\x01\x02") + 10] = 99  # a method of compression that is not known
+    told = refused(write(bytes(archive), "odd.npz"))
+    assert told.startswith(": damaged, or not from `crowdbench people --save` (That compression")
+
+
 @pytest.mark.parametrize(
     "arrays",
     [
