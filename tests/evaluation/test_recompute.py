@@ -177,6 +177,7 @@ def test_damaged_commands_end_it_with_the_episode_s_name(folder):
     [
         "UPDATE metrics SET spl = x'78' WHERE episode = 3",
         "UPDATE metric_sets SET definitions = '{'",
+        "UPDATE metric_sets SET definitions = '[]'",
     ],
 )
 def test_damaged_metrics_end_it_with_the_episode_s_name(folder, statement):
