@@ -2,9 +2,9 @@
 
 Run ``python benchmarks/calibration.py [SCENARIO ...]``. Runs agents on the calibration seeds
 (900,000 up), which no test uses, and prints success with Wilson's interval and SPL as the rows of
-the table in docs/scenarios.md. ``informed`` has to reach 0.98 everywhere; ``straight_line`` has
-to stay below 0.7 wherever somebody walks. Finished episodes are kept in ``--folder``, so that a
-run that was stopped goes on.
+the table in docs/scenarios.md. In the paper's tier ``informed`` has to reach 0.98 everywhere and
+``straight_line`` to stay below 0.7 wherever somebody walks. Finished episodes are kept in
+``--folder``, so that a run that was stopped goes on.
 """
 
 from __future__ import annotations
