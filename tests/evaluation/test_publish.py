@@ -146,6 +146,26 @@ def test_commands_come_along_and_those_of_other_seeds_stay(whole, make_whole, tm
     assert (commands.of(1)["robot_0"] == run.commands).all()
 
 
+def test_commands_of_a_replaced_episode_are_replaced_with_it(whole, make_whole, tmp_path, record):
+    plan = [(SCENARIO, "straight_line", 100)]
+    first = whole.run(SCENARIO, "straight_line", 2)
+    publish(plan, whole.folder, record)
+    other = make_whole(tmp_path / "other")
+    second = other.run(SCENARIO, "orca", 2, label="straight_line")
+    assert second.steps != first.steps
+    (change,) = publish(plan, other.folder, record).changes
+    assert (change.added, change.replaced) == (0, 1)
+    (cell,) = cells_of(load_record()).values()
+    assert (load_commands(cell).of(2)["robot_0"] == second.commands).all()
+
+
+def test_rows_of_a_scenario_that_is_defined_otherwise_by_now_are_not_published(local, record):
+    mine = local("mine")
+    mine.add("orca", SCENARIO, spl=[0.5], fixed={"scenario_digest": "0123456789ab"})
+    assert publish([(SCENARIO, "orca", 100)], mine.folder, record) == ([], [])
+    assert load_record().empty
+
+
 def test_scenarios_that_are_not_installed_are_refused(whole, tmp_path, record):
     path = tmp_path / "mine.yaml"
     path.write_text("extends: unimodal_slow\ntime_limit: 1\n")

@@ -105,3 +105,4 @@ def test_hdf5_may_have_no_walls(write):
 
 def test_what_is_given_and_said_alike_is_fine(write):
     assert read_recording(petrack_centimetres(write), unit="cm", fps=25).period == 0.04
+    assert read_recording(petrack_centimetres(write), fps=25.2).period == 0.04
