@@ -153,7 +153,8 @@ class ScanNoise:
         scans = seen[which, robots, PROPRIOCEPTION:]
         noise, dropout = self._noise[which], self._dropout[which]
         normal, uniform = np.zeros((2, *scans.shape))
-        drawing = [self._generators[lane][r] for lane, r in zip(which, robots, strict=True)]
+        each = zip(which.tolist(), robots.tolist(), strict=True)
+        drawing = [self._generators[lane][r] for lane, r in each]
         for i in np.flatnonzero(noise > 0.0).tolist():
             drawing[i].standard_normal(out=normal[i])
         for i in np.flatnonzero(dropout > 0.0).tolist():

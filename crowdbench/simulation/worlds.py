@@ -219,9 +219,11 @@ class Worlds:
             self._guidance.judge(lanes, s.worlds, s.robots)
 
     def remove(self, lane: int, robot: int) -> None:
-        """Take a robot out of the scene."""
-        self.state.robots["active"][lane, robot] = False
-        self.episode(lane).bodies.remove(robot)
+        """Take a robot out of the scene; one that has left stays where it is."""
+        active = self.state.robots["active"][lane]
+        if active[robot]:
+            active[robot] = False
+            self.episode(lane).bodies.remove(robot)
 
     def _prepare(self, scenario: Scenario) -> Prepared:
         if id(scenario) not in self._prepared:
