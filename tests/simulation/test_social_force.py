@@ -121,7 +121,9 @@ def test_the_wall_force_at_contact_by_hand():
     np.testing.assert_allclose(out, [[0, 3.0 * np.exp(-1.0)]])
 
 
-@given(st.floats(-6, 6), st.floats(0.01, 1), st.lists(st.integers(-19, 19), max_size=6, unique=True))
+@given(
+    st.floats(-6, 6), st.floats(0.01, 1), st.lists(st.integers(-19, 19), max_size=6, unique=True)
+)
 @settings(max_examples=40, deadline=None)
 def test_a_wall_in_pieces_repels_as_often_as_a_whole_one(x, y, cuts):
     ends = np.array([-5.0, *sorted(cut / 4 for cut in cuts), 5.0])
