@@ -137,6 +137,7 @@ Version history
 What happens with the same scenario, seed and actions changes only with the world's version,
 ``crowdbench.simulation.WORLD_VERSION``:
 
+- 0.2: directions at the start are rounded as the C library does, on every processor.
 - 0.1: first release.
 """
 
