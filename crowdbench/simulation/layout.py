@@ -166,6 +166,9 @@ def _attempt(
         raise CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
     position = np.empty((people.count, 2))
     position[: len(lines)], position[order] = lines, taken[fixed:, :2]
+    if places is not None and traits.standing.any():
+        standing = np.column_stack([position, traits.radius])[traits.standing]
+        places.check_ways(pose, goal, standing)
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls

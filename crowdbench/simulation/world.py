@@ -230,5 +230,5 @@ class World(Lane):
         self.worlds.judge(_LANE)
 
     def remove(self, robot: int) -> None:
-        """Take a robot out of the scene."""
+        """Take a robot out of the scene; one that has left stays where it is."""
         self.worlds.remove(0, robot)
