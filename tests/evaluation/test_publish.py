@@ -49,6 +49,16 @@ def test_a_second_run_replaces_the_first_and_the_differences_are_told(local, rec
     assert values(load_record(), "timestamp")[1] == later["timestamp"]
 
 
+def test_changes_are_counted_in_episodes_however_many_robots_they_have(local, record):
+    for name, outcome in (("first", "success"), ("second", "timeout")):
+        mine = local(name)
+        for robot in ("robot_0", "robot_1"):
+            fixed = {"timestamp": name, "outcome": outcome}
+            mine.add("orca", SCENARIO, robot=robot, spl=[0.5, 0.5], fixed=fixed)
+        (change,) = publish([(SCENARIO, "orca", 100)], mine.folder, record).changes
+    assert (change.added, change.replaced, change.outcomes) == (0, 2, 2)
+
+
 def test_rows_with_and_without_a_metric_are_not_published_side_by_side(local, record):
     plan = [(SCENARIO, "orca", 3)]
     old, new = local("old"), local("new")

@@ -105,6 +105,35 @@ def test_metres_read_as_centimetres_are_refused_with_the_unit(cleaned):
         cleaned(rows, unit="cm")
 
 
+def test_only_units_in_which_people_would_walk_are_offered(cleaned):
+    rows = [(p, f, 12.0 * f, 100.0 * p) for p in range(3) for f in range(20)]
+    with pytest.raises(RecordingError) as caught:
+        cleaned(rows)
+    told = str(caught.value)
+    assert "--unit cm" in told and "--unit mm" in told
+    with pytest.raises(RecordingError) as caught:
+        cleaned([(p, f, 120.0 * f, 1000.0 * p) for p in range(3) for f in range(20)])
+    assert "--unit mm" in str(caught.value) and "--unit cm" not in str(caught.value)
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_somebody_alone_may_stand_and_a_crowd_needs_room(cleaned, alone):
+    rows = [(p, f, 0.001 * f, 0.1 * p) for p in range(1 if alone else 2) for f in range(20)]
+    if alone:
+        assert len(cleaned(rows).times) == 20
+    else:
+        with pytest.raises(RecordingError, match=r"at 0\.01 m/s"):
+            cleaned(rows)
+
+
+def test_a_tenth_of_the_time_people_may_be_faster_than_anybody(cleaned):
+    rows = [(1, f, 0.1 * f + 50 * (f > 99), 0.0) for f in range(200)]
+    assert cleaned(rows).speeds.max() > 10
+    jumping = [(1, f, 0.1 * f + 10 * (f // 20), 0.0) for f in range(200)]
+    with pytest.raises(RecordingError, match="a tenth of the time faster"):
+        cleaned(jumping)
+
+
 def test_a_frame_rate_that_no_unit_explains_is_asked_about(cleaned):
     rows = [(p, f, 4.5 * f, 3.0 * p) for p in range(3) for f in range(20)]
     with pytest.raises(RecordingError, match="is the frame rate wrong"):
