@@ -25,6 +25,7 @@ from crowdbench.simulation.map_layout import (
 from crowdbench.simulation.routes import Routes
 from crowdbench.simulation.spreading import spread
 from crowdbench.simulation.traits import Traits, draw_traits, places_in_line
+from crowdbench.simulation.vacancy import is_off_discs
 from crowdbench.simulation.walls import walls_of
 
 if TYPE_CHECKING:
@@ -327,11 +328,7 @@ def _fill(
         for k in range(draws.shape[1] // 2):
             x = 2.0 * half[0] * draws[batch, 2 * k] - half[0]
             y = 2.0 * half[1] * draws[batch, 2 * k + 1] - half[1]
-            free = True
-            for i in range(last):
-                dx, dy = x - discs[i, 0], y - discs[i, 1]
-                free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
-            if free:
+            if is_off_discs(x, y, discs, last):
                 discs[last, 0], discs[last, 1] = x, y
                 placed += 1
                 failures = 0

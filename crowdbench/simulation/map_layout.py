@@ -16,6 +16,7 @@ from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import Point
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation.ground import Ground, Mask, Spots
+from crowdbench.simulation.vacancy import is_off_discs
 from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.ways import Ways
 
@@ -332,11 +333,7 @@ def _fill(
             which = int(draws[batch, 3 * k] * len(corner))
             x = corner[which, 0] + side * draws[batch, 3 * k + 1]
             y = corner[which, 1] + side * draws[batch, 3 * k + 2]
-            free = True
-            for i in range(last):
-                dx, dy = x - discs[i, 0], y - discs[i, 1]
-                free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
-            if free:
+            if is_off_discs(x, y, discs, last):
                 discs[last, 0], discs[last, 1] = x, y
                 placed += 1
                 failures = 0
