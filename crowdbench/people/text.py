@@ -100,7 +100,7 @@ def read_csv(path: Path, given: Stated) -> Rows:
     # Times say what a frame rate would, so that none is asked for.
     timed = "time" in places
     if timed and given.fps is not None:
-        raise RecordingError(f"{path}: it has times, so no --fps can be given")
+        raise RecordingError(f"{path}: it has times, so no fps can be given")
     fps = 1.0 if timed else None
     unit, fps = settle(path, Stated(units.pop() if units else None, fps), given)
     assert unit is not None and fps is not None

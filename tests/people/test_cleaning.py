@@ -93,14 +93,14 @@ def test_what_cannot_be_is_refused_with_its_place(cleaned, rows, told):
 
 def test_centimetres_read_as_metres_are_refused_with_the_unit(cleaned):
     rows = [(p, f, 12.0 * f, 100.0 * p) for p in range(3) for f in range(20)]
-    with pytest.raises(RecordingError, match=r"at 120 m/s .* in cm it would be 1.2 .*--unit cm"):
+    with pytest.raises(RecordingError, match=r"at 120 m/s .* in cm it would be 1.2 .*unit: cm"):
         cleaned(rows)
 
 
 def test_metres_read_as_centimetres_are_refused_with_the_unit(cleaned):
     rows = [(p, f, 0.0012 * f, 0.01 * p) for p in range(3) for f in range(20)]
     with pytest.raises(
-        RecordingError, match=r"read in cm, .* in m it would be 1.2 m/s \(--unit m\)"
+        RecordingError, match=r"read in cm, .* in m it would be 1.2 m/s \(unit: m\)"
     ):
         cleaned(rows, unit="cm")
 

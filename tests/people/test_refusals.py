@@ -75,15 +75,15 @@ def test_text_that_is_no_recording_is_refused(write, text, told):
 @pytest.mark.parametrize(
     ("text", "given", "told"),
     [
-        (WALK, {}, "in which unit its positions are (--unit m, cm or mm), nor how many frames"),
-        (WALK, {"fps": 25}, "in which unit its positions are (--unit m, cm or mm); please do"),
-        (WALK, {"unit": "m"}, "does not say how many frames a second it has (e.g. --fps 25)"),
-        ("id,frame,x,y\n1,0,0,0\n", {}, "(--unit m, cm or mm), nor how many frames a second"),
-        ("id,time,x,y\n1,0,0,0\n", {}, "in which unit its positions are (--unit m, cm or mm); p"),
+        (WALK, {}, "in which unit its positions are (unit: m, cm or mm), nor how many frames"),
+        (WALK, {"fps": 25}, "in which unit its positions are (unit: m, cm or mm); please do"),
+        (WALK, {"unit": "m"}, "does not say how many frames a second it has (fps: e.g. 25)"),
+        ("id,frame,x,y\n1,0,0,0\n", {}, "(unit: m, cm or mm), nor how many frames a second"),
+        ("id,time,x,y\n1,0,0,0\n", {}, "in which unit its positions are (unit: m, cm or mm); p"),
         ('{"track": {"f": 1, "p": 1, "x": 0.5, "y": 0}}\n', {}, "how many frames a second"),
         (PETRACK + WALK, {"unit": "cm"}, "it has positions in m, and cm is given"),
         (PETRACK + WALK, {"fps": 30}, "it has 25 frames a second, and 30 is given"),
-        (HEADER + "1,0,0,0\n", {"fps": 30}, "it has times, so no --fps can be given"),
+        (HEADER + "1,0,0,0\n", {"fps": 30}, "it has times, so no fps can be given"),
     ],
 )
 def test_unit_and_frame_rate_are_asked_for_and_not_guessed(write, text, given, told):
