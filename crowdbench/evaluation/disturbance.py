@@ -12,6 +12,10 @@ without the robot, walls and other people included: from its point that is neare
 person is now, on the same leg. Those who get other goals in the two twins after all (who is called
 back to a queue may be anywhere) are left out of delay and detour, and ``compared`` is the share of
 those who are left.
+
+Recorded people come and go by the recording's clock, in all twins alike, and are compared while it
+has them. Who could not appear because a robot stood there has waited, and is behind by what the
+recording walked meanwhile.
 """
 
 from __future__ import annotations
@@ -27,7 +31,7 @@ from numpy.typing import NDArray
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.routes import has_routes
-from crowdbench.simulation.world import World
+from crowdbench.simulation.world import Pedestrians, World
 
 DURATION = 20.0
 """For which the twins run [s]."""
@@ -35,6 +39,8 @@ JUMP = 1.0
 """Who moves this much farther in a control period than it can walk has entered anew [m]."""
 NUDGE = 1e-3
 """How far off the people of the third twin are [m]."""
+STANDS = 0.1
+"""Who is recorded at less than this mean speed stands, and has no delay [m/s]."""
 
 Array = NDArray[np.float64]
 
@@ -72,9 +78,9 @@ class _Walks:
     """One twin: N + 1 states of P people.
 
     Attributes:
-        position: (N + 1, P, 2) [m].
+        position: (N + 1, P, 2) [m], NaN while somebody is not there.
         goal: (N + 1, P, 2) where each was going when the state came about [m].
-        speed: (P,) preferred [m/s].
+        speed: (P,) preferred, of recorded people the mean [m/s].
         first_velocity: (P, 2) in the first control period [m/s].
         way: (N + 1, P) walked so far [m].
         entries: (N + 1, P) how often each has entered anew, elsewhere.
@@ -95,18 +101,29 @@ class _Walks:
         steps = np.linalg.norm(np.diff(position, axis=0), axis=2)
         jumps = steps > speed * period + JUMP
         begin = np.zeros((1, len(speed)))
-        way = np.concatenate([begin, np.cumsum(np.where(jumps, 0.0, steps), axis=0)])
+        walked = np.where(jumps, 0.0, np.nan_to_num(steps))
+        way = np.concatenate([begin, np.cumsum(walked, axis=0)])
         entries = np.concatenate([begin.astype(np.int64), np.cumsum(jumps, axis=0)])
         return cls(position, goal, speed, first_velocity, way, entries)
 
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """(N + 1, P) who is in the scene."""
+        return np.isfinite(self.position[..., 0])
+
     def of(self, p: int) -> _Walk:
-        """What one person did."""
-        goals = self.goal[:, p]
+        """What one person did while it was there."""
+        there = self.there[:, p]
+        goals = self.goal[there, p]
         # A goal of a state was chosen in the state before.
         changes = np.flatnonzero(np.any(goals[1:] != goals[:-1], axis=1))
         ends = np.append(changes, len(goals) - 1)
         return _Walk(
-            self.position[:, p], self.way[:, p], self.entries[:, p], goals[ends], np.append(0, ends)
+            self.position[there, p],
+            self.way[there, p],
+            self.entries[there, p],
+            goals[ends],
+            np.append(0, ends),
         )
 
 
@@ -184,13 +201,8 @@ def undefined(scenario: Scenario) -> str:
             "pedestrians.control: 'agents': what steers them sees the robot, and is not simulated "
             "again; allowed: 'scripted'"
         )
-    if people.model == "recorded":
-        return (
-            "pedestrians.model: 'recorded': people come and go by the clock, whatever the robot "
-            "does; allowed: any other"
-        )
     drawn_by_place = people.on_arrival == "new_goal" and people.leg_from == "position"
-    if drawn_by_place and not has_routes(scenario):
+    if drawn_by_place and people.model != "recorded" and not has_routes(scenario):
         return (
             "pedestrians.leg_from: 'position': where people go depends on where the robot has "
             "pushed them; allowed: 'goal'"
@@ -207,7 +219,7 @@ def _simulate(
     """One twin; ``first_velocity`` (P, 2) is how people walk in the first control period."""
     world, drive = World(scenario, seed), make_drive(scenario)
     people = world.pedestrians
-    position, goal = [people.position.copy()], [people.goal.copy()]
+    position, goal = [_places(people)], [people.goal.copy()]
     steer = {} if first_velocity is None else dict(enumerate(first_velocity))
     velocity = people.velocity.copy()
     for step in range(round(DURATION / scenario.control_period)):
@@ -221,33 +233,60 @@ def _simulate(
         people = world.pedestrians
         if step == 0:
             velocity = people.velocity.copy()
-        position.append(people.position.copy())
+        position.append(_places(people))
         goal.append(people.goal.copy())
     return _Walks.of_states(
         np.array(position),
         np.array(goal),
-        people.speed.copy(),
+        _paces(scenario, people),
         velocity,
         scenario.control_period,
     )
 
 
+def _places(people: Pedestrians) -> Array:
+    """(P, 2) where everybody is, NaN for those who are not there [m]."""
+    return np.where(people.present[:, None], people.position, np.nan)
+
+
+def _paces(scenario: Scenario, people: Pedestrians) -> Array:
+    """(P,) speeds by which people are late, 0 for those who stand [m/s]."""
+    least = STANDS if scenario.pedestrians.model == "recorded" else 0.0
+    return np.where(people.speed >= least, people.speed, 0.0)
+
+
 def _shift(walks: _Walks, without: _Walks) -> Shift:
-    people = range(len(without.speed))
-    if not people:
+    expected = without.there
+    people = np.flatnonzero(expected.any(axis=0))
+    if not len(people):
         return Shift(np.nan, np.nan, np.nan, np.nan)
-    behind = np.array([_behind(walks.of(p), without.of(p)) for p in people])
-    moves = without.speed > 0
+    held = expected & ~walks.there
+    behind = _missed(held, without)
+    for p in np.flatnonzero(walks.there.any(axis=0)).tolist():
+        behind[p] += _behind(walks.of(p), without.of(p))
+    detour = walks.way[-1] + behind - without.way[-1]
+    walkers = people[without.speed[people] > 0]
     apart = np.linalg.norm(walks.position - without.position, axis=2)
     # Who has entered anew in one twin is nowhere near the same person in the other.
     apart[walks.entries != without.entries] = np.nan
-    there = np.isfinite(apart).any(axis=1)
+    # Who is held back waits where it would have appeared.
+    begin = without.position[expected.argmax(axis=0), np.arange(len(without.speed))]
+    apart[held] = np.linalg.norm(begin - without.position, axis=2)[held]
+    known = np.isfinite(apart).any(axis=1)
     return Shift(
-        delay=_mean(behind[moves] / without.speed[moves]),
-        detour=_mean(walks.way[-1] + behind - without.way[-1]),
-        displacement=float(np.nanmean(apart[there], axis=1).max()),
-        compared=float(np.mean(np.isfinite(behind))),
+        delay=_mean(behind[walkers] / without.speed[walkers]),
+        detour=_mean(detour[people]),
+        displacement=float(np.nanmean(apart[known], axis=1).max()),
+        compared=float(np.mean(np.isfinite(behind[people]))),
     )
+
+
+def _missed(held: NDArray[np.bool_], without: _Walks) -> Array:
+    """(P,) what people walk without the robot while it holds them back [m]."""
+    last = len(held) - 1
+    appears = np.minimum(last + 1 - held[::-1].argmax(axis=0), last)
+    way: Array = np.take_along_axis(without.way, appears[None], axis=0)[0]
+    return np.where(held.any(axis=0), way, 0.0)
 
 
 def _behind(one: _Walk, other: _Walk) -> float:

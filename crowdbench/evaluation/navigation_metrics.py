@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metric import mean
 from crowdbench.evaluation.shortest_path import shortest_path
+from crowdbench.libm import atan2
 from crowdbench.simulation.contact import ContactKind
 
 STALLED_SPEED = 0.05
@@ -192,7 +193,7 @@ def curvature(episode: Episode) -> float:
     chords, length = chords[length >= _STANDS], length[length >= _STANDS]
     if len(chords) < 2:
         return math.nan
-    turns = _wrapped(np.diff(np.arctan2(chords[:, 1], chords[:, 0])))
+    turns = _wrapped(np.diff(atan2(chords[:, 1], chords[:, 0])))
     return float(np.abs(turns).sum() / ((length[:-1] + length[1:]) / 2).sum())
 
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.messages import nearest, printable, quoted, short
-from crowdbench.scenario.changes import assign, flatten, merge
+from crowdbench.scenario.changes import change, merge
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
+from crowdbench.scenario.recorded import through_walls
 from crowdbench.strict_yaml import YamlError, load_yaml, read_yaml
 
 _LONGEST_NAME = 200
@@ -46,7 +47,8 @@ def _tiers() -> dict[str, str]:
 def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     """Load a scenario by name or from a YAML file, with some fields replaced.
 
-    Warns where a robot may pass its goal between two steps.
+    Warns where a robot may pass its goal between two steps, and where recorded people walk through
+    walls.
 
     Args:
         name: a built-in scenario, the path of a ``.yaml`` file, or a Scenario.
@@ -62,10 +64,11 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
         scenario = _own(str(name))
     else:
         document = _scenario(str(name))
-        for key, value in flatten(changes).items():
-            assign(document, key, value)
+        change(document, changes)
         scenario = validate(document, source=str(name))
     _warn_of_passed_goals(scenario)
+    if problem := through_walls(scenario):
+        warnings.warn(f"scenario {scenario.name!r}: {problem}", stacklevel=2)
     return scenario
 
 

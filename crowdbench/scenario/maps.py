@@ -85,7 +85,7 @@ def _unknown_end(scenario: Scenario, field: str, place: Place) -> str:
             problem = (
                 f"a point for {scenario.robots.count} robots; allowed: a region of arena.regions"
             )
-    elif scenario.arena.kind == "map":
+    elif scenario.arena.kind == "map" and not scenario.pedestrians.recording.file:
         problem = "null; allowed on a map: a region of arena.regions or a point [x, y] (m)"
     return f"robots.{field}: {problem}" if problem else ""
 

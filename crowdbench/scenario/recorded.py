@@ -17,6 +17,7 @@ from crowdbench.scenario.fields import Positive, Section, Text
 if TYPE_CHECKING:
     from crowdbench.people import CrowdRecording
     from crowdbench.scenario.model import Scenario
+    from crowdbench.scenario.sections import Arena
 
 AHEAD = 10.0
 """How far privileged agents see into the recording [s]."""
@@ -41,7 +42,8 @@ class Recording(Section):
     route: Literal["across", "along"] = later(
         "across",
         "0.2",
-        description="how the robot goes: across the main direction of the people, or along it",
+        description="how the robot goes where no robots.start says it: across the main direction "
+        "of the people, or along it",
     )
     sha256: Text = later(
         "", "0.2", description="of the file; filled in, and compared where it is given"
@@ -69,13 +71,13 @@ def completed(scenario: Scenario) -> dict[str, Any]:
         raise ValueError("pedestrians.recording: missing; allowed: the path of a recording")
     if people.control != "scripted":
         raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
-    for field in ("acceleration", "stops", "standing", "queues", "groups"):
+    for field in ("acceleration", "streams", "stops", "standing", "queues", "groups"):
         if getattr(people, field) != type(people).model_fields[field].default:
             raise ValueError(
                 f"pedestrians.{field}: allowed with pedestrians.model 'recorded': its default"
             )
-    if arena.kind != "open":
-        raise ValueError(f"arena.kind: {arena.kind!r}; allowed for recorded people: open")
+    if arena.kind == "corridor":
+        raise ValueError("arena.kind: 'corridor'; allowed for recorded people: open or map")
     if scenario.obstacles.count:
         raise ValueError("obstacles.count: allowed with pedestrians.model 'recorded': 0")
     recording, digest = load(people.recording)
@@ -85,18 +87,38 @@ def completed(scenario: Scenario) -> dict[str, Any]:
             f"pedestrians.recording: {count} people within time_limit {scenario.time_limit:g} s; "
             f"allowed: {MOST}, with a shorter one"
         )
-    low, high = _bounds(recording)
-    span = max(robots.travel, 2 * robots.length) + 2 * _MARGIN
-    length, width = (float(max(side + 2 * _MARGIN, span)) for side in high - low)
-    return {
+    fields: dict[str, Any] = {
         "pedestrians": {
             "count": count,
             "recording": people.recording.model_copy(
                 update={"sha256": digest, "file": str(Path(people.recording.file).absolute())}
             ),
-        },
-        "arena": {"length": round(length, 3), "width": round(width, 3)},
+        }
     }
+    if arena.kind == "map":
+        _require_on_map(recording, arena)
+        return fields
+    low, high = _bounds(recording)
+    span = max(robots.travel, 2 * robots.length) + 2 * _MARGIN
+    length, width = (float(max(side + 2 * _MARGIN, span)) for side in high - low)
+    return fields | {"arena": {"length": round(length, 3), "width": round(width, 3)}}
+
+
+def _require_on_map(recording: CrowdRecording, arena: Arena) -> None:
+    """Refuse a map on which nobody ever walks: it has other coordinates than the recording.
+
+    Raises:
+        ValueError: it is one.
+    """
+    low, high = np.array(arena.bounds).reshape(2, 2)
+    if ((recording.positions >= low) & (recording.positions <= high)).all(axis=1).any():
+        return
+    (left, bottom), (right, top) = (end.tolist() for end in recording.extent)
+    raise ValueError(
+        f"pedestrians.recording: everybody walks outside of the map, within x {left:.4g} to "
+        f"{right:.4g} and y {bottom:.4g} to {top:.4g} m; allowed: a map in the coordinates of the "
+        f"recording (this one has x {low[0]:g} to {high[0]:g} and y {low[1]:g} to {high[1]:g} m)"
+    )
 
 
 def load(settings: Recording) -> tuple[CrowdRecording, str]:
@@ -123,10 +145,38 @@ def load(settings: Recording) -> tuple[CrowdRecording, str]:
     return found
 
 
-def origin(recording: CrowdRecording) -> NDArray[np.float64]:
-    """(2,) the point of a recording that is the world's origin: the centre of all of it [m]."""
+def origin(recording: CrowdRecording, arena: Arena) -> NDArray[np.float64]:
+    """(2,) the point of a recording that is the world's origin [m].
+
+    A map has the recording's coordinates; elsewhere it is the centre of everything recorded.
+    """
+    if arena.kind == "map":
+        return np.zeros(2)
     low, high = _bounds(recording)
     return (low + high) / 2
+
+
+def through_walls(scenario: Scenario) -> str:
+    """Who of the recorded people walks through walls or solids, in words; empty for nobody."""
+    if not scenario.pedestrians.recording.file:
+        return ""
+    import shapely  # here, since few scenarios have recordings
+
+    recording, _ = load(scenario.pedestrians.recording)
+    walls = [*recording.walls, *(np.reshape(wall, (2, 2)) for wall in scenario.arena.walls)]
+    solids = [shapely.Polygon(polygon) for polygon in scenario.arena.polygons]
+    solids += [shapely.LineString(wall) for wall in walls]
+    # Only maps have walls of their own, and these are in the recording's coordinates.
+    tracks = shapely.linestrings(recording.positions, indices=recording.track_of_row)
+    through = np.flatnonzero(shapely.intersects(shapely.union_all(solids), tracks))
+    if not len(through):
+        return ""
+    first = through[np.argmin(recording.begins[through])]
+    people, everybody = (np.unique(who) for who in (recording.people[through], recording.people))
+    return (
+        f"{len(people)} of {len(everybody)} recorded people walk through walls or solids, first "
+        f"person {recording.people[first]}, who is there from {recording.begins[first]:.1f} s on"
+    )
 
 
 def _bounds(recording: CrowdRecording) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.people import CrowdRecording
-from crowdbench.scenario import NoRoomError, Scenario
+from crowdbench.scenario import Arena, NoRoomError, Scenario
 from crowdbench.scenario.recorded import load, origin
 from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.layout import WALL_CLEARANCE, Layout
+from crowdbench.simulation.map_layout import NoPlaceError, Places
 from crowdbench.simulation.recorded import Tracks, away, distances
 from crowdbench.simulation.traits import draw_traits
 from crowdbench.simulation.walls import walls_of
@@ -26,44 +29,58 @@ _TURN = math.pi / 12
 _STEP = 0.02
 _FACING = math.pi / 6
 _ATTEMPTS = 300
+_BLINK = 0.5
+"""How often it is asked whether somebody is at a goal [s]."""
 
 
-def place_crossing(scenario: Scenario, seed: int) -> Layout:
+class _Drawn(NamedTuple):
+    """The robots' part of a layout.
+
+    Attributes:
+        pose: (R, 3).
+        ways: of each robot (n, 2), from its start to its goal.
+    """
+
+    pose: NDArray[np.float64]
+    ways: list[NDArray[np.float64]]
+
+
+def place_crossing(scenario: Scenario, seed: int, places: Places | None) -> Layout:
     """Draw a moment of the recording, and ways of the robots through the people of that moment.
 
-    The world's origin is the centre of people and walls. The recording goes on for at least twice
-    the time that a robot needs for ``robots.travel`` at full speed, as far as it is that long.
+    The recording goes on for at least twice the time that a robot needs for its way at full speed,
+    as far as it is that long.
+
+    Args:
+        scenario: whose.
+        seed: of the episode.
+        places: where the robots begin and end, where the scenario says it.
 
     Raises:
-        NoRoomError: walls leave no way, or nobody comes near to one.
+        NoRoomError: walls leave no way, nobody comes near to one, or somebody is always at its
+            ends.
     """
-    settings = scenario.pedestrians.recording
-    recording, _ = load(settings)
-    centre, walls = origin(recording), walls_of(scenario)
+    recording, _ = load(scenario.pedestrians.recording)
+    centre, walls = origin(recording, scenario.arena), walls_of(scenario)
     rng = streams.layout(seed)
-    robots, count = scenario.robots, scenario.pedestrians.count
-    speed = max(map(abs, robots.speed))
-    needed = min(scenario.time_limit, 2 * robots.travel / max(speed, 0.1))
-    axis = main_direction(recording) + (math.pi / 2 if settings.route == "across" else 0.0)
+    count, speed = scenario.pedestrians.count, max(0.1, *map(abs, scenario.robots.speed))
     problem = "no way is wide and long enough among the walls"
     for _ in range(_ATTEMPTS):
+        drawn = None if places is None else _given(places, rng)
+        lengths = [scenario.robots.travel] if drawn is None else map(_length, drawn.ways)
+        needed = min(scenario.time_limit, 2 * max(lengths) / speed)
         begin = rng.uniform(0.0, max(0.0, recording.duration - needed))
         rows = np.flatnonzero((recording.times >= begin) & (recording.times <= begin + needed))
         if not len(rows):
             continue
-        places = recording.positions[rows] - centre
-        ways = _ways(scenario, rng, places, axis, walls)
-        if ways is None:
+        people = recording.positions[rows] - centre
+        if places is None:
+            drawn = _free(scenario, rng, people, _axis(scenario, recording), walls)
+        if drawn is None:
             continue
-        present = recording.at(begin).positions - centre
-        clear = robot_radius(robots) + scenario.pedestrians.radii[1]
-        clear += scenario.pedestrians.spawn_clearance
-        apart = distances(present, ways[:, 0])
-        if (apart <= clear).any():
-            problem = "somebody is within pedestrians.spawn_clearance of every start"
-            continue
-        if not all(_met(way, places) for way in ways):
-            problem = f"nobody comes within {NEAR:g} m of the robot's way"
+        moments = np.arange(begin, begin + needed, _BLINK).tolist()
+        around = [recording.at(moment).positions - centre for moment in moments]
+        if problem := _unfit(drawn, scenario, people, around):
             continue
         tracks = Tracks.of(
             recording, centre, begin, scenario.time_limit, scenario.control_period, count
@@ -72,12 +89,9 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
         reactive = np.zeros(count, dtype=np.bool_)
         share = round(scenario.pedestrians.reactive * count)
         reactive[rng.permutation(count)[:share]] = True
-        turns = rng.uniform(-_FACING, _FACING, len(ways))
-        ahead = ways[:, 1] - ways[:, 0]
-        headings = [math.atan2(y, x) + turn for (x, y), turn in zip(ahead, turns, strict=True)]
         return Layout(
-            np.column_stack([ways[:, 0], headings]),
-            ways[:, 1],
+            drawn.pose,
+            np.array([way[-1] for way in drawn.ways]),
             np.empty((0, 3)),
             walls,
             np.where(there, tracks.at(0), away(count)),
@@ -86,12 +100,47 @@ def place_crossing(scenario: Scenario, seed: int) -> Layout:
             draw_traits(scenario.pedestrians, seed),
             tracks,
         )
+    how, fields = "from robots.start to robots.goal", "robots.start and robots.goal"
+    if places is None:
+        route = scenario.pedestrians.recording.route
+        how, fields = f"{route} its main direction", "robots.travel or pedestrians.recording.route"
     raise NoRoomError(
-        f"scenario {scenario.name!r}: recording {recording.name!r} cannot be crossed "
-        f"{settings.route} its main direction with seed {seed}: {problem} in {_ATTEMPTS} draws; "
-        "use another recording, robots.travel or pedestrians.recording.route",
+        f"scenario {scenario.name!r}: recording {recording.name!r} cannot be crossed {how} with "
+        f"seed {seed}: {problem} in {_ATTEMPTS} draws; use another recording, {fields}",
         seed,
     )
+
+
+def _unfit(
+    drawn: _Drawn,
+    scenario: Scenario,
+    people: NDArray[np.float64],
+    around: list[NDArray[np.float64]],
+) -> str:
+    """Why a moment is none for these ways; empty where it is one.
+
+    Args:
+        drawn: ways of the robots.
+        scenario: whose.
+        people: (N, 2) where people are in the seconds to come [m].
+        around: the same (M, 2) at each of some moments, the first of them the beginning [m].
+    """
+    touching = robot_radius(scenario.robots) + scenario.pedestrians.radii[1]
+    clear = touching + scenario.pedestrians.spawn_clearance
+    if (distances(around[0], drawn.pose[:, :2]) <= clear).any():
+        return "somebody is within pedestrians.spawn_clearance of every start"
+    if not all(_met(way, people) for way in drawn.ways):
+        return f"nobody comes within {NEAR:g} m of the robot's way"
+    for way in drawn.ways:
+        if all((distances(places, way[-1:]) <= touching).any() for places in around):
+            return "somebody stands at every goal all the time"
+    return ""
+
+
+def _axis(scenario: Scenario, recording: CrowdRecording) -> float:
+    """Along which robots are to drive, whichever way [rad]."""
+    across = scenario.pedestrians.recording.route == "across"
+    return main_direction(recording) + (math.pi / 2 if across else 0.0)
 
 
 def main_direction(recording: CrowdRecording) -> float:
@@ -105,21 +154,34 @@ def main_direction(recording: CrowdRecording) -> float:
     )
 
 
-def _ways(
+def _given(places: Places, rng: np.random.Generator) -> _Drawn | None:
+    """Ways between the places that a scenario says; None where two robots are too near."""
+    try:
+        pose, goals = places.draw_robots(rng, np.empty((0, 3)))
+    except NoPlaceError:
+        return None
+    return _Drawn(pose, [places.ways.path(*ends) for ends in zip(pose[:, :2], goals, strict=True)])
+
+
+def _free(
     scenario: Scenario,
     rng: np.random.Generator,
-    places: NDArray[np.float64],
+    people: NDArray[np.float64],
     axis: float,
     walls: NDArray[np.float64],
-) -> NDArray[np.float64] | None:
-    """(R, 2, 2) start and goal of each robot through places where people walk; None without."""
+) -> _Drawn | None:
+    """Straight ways through places where people walk; None where walls leave none."""
     robots = scenario.robots
     gap = 2 * robot_radius(robots) + robots.goal_tolerance
     ways = np.empty((0, 2, 2))
+    if scenario.arena.kind == "map":  # the robot stays on it
+        walls = np.concatenate([walls, _border(scenario.arena)])
     for _ in range(robots.count):
-        through = places[rng.integers(len(places))]
+        through = people[rng.integers(len(people))]
         angle = axis + rng.uniform(-_TURN, _TURN) + math.pi * rng.integers(2)
         before = robots.travel * rng.uniform(0.35, 0.65)
+        if not _is_open(scenario.arena, through):
+            return None
         way = _fitted(through, angle, before, scenario, walls)
         if way is None:
             return None
@@ -127,7 +189,29 @@ def _ways(
         if len(ends) and distances(ends, way).min() <= gap:
             return None
         ways = np.concatenate([ways, way[None]])
-    return ways
+    ahead = ways[:, 1] - ways[:, 0]
+    turns = rng.uniform(-_FACING, _FACING, len(ways))
+    headings = [math.atan2(y, x) + turn for (x, y), turn in zip(ahead, turns, strict=True)]
+    return _Drawn(np.column_stack([ways[:, 0], headings]), list(ways))
+
+
+def _border(arena: Arena) -> NDArray[np.float64]:
+    """(4, 4) the four sides of a map as walls [m]."""
+    x_min, y_min, x_max, y_max = arena.bounds
+    corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
+    return np.array([(*begin, *end) for begin, end in pairwise(corners)])
+
+
+def _is_open(arena: Arena, place: NDArray[np.float64]) -> bool:
+    """Whether a place (2,) lies on the map and in nothing solid; true where there is no map."""
+    if arena.kind != "map":
+        return True
+    import shapely  # here, since few scenarios have maps
+
+    low, high = np.array(arena.bounds).reshape(2, 2)
+    solids = [shapely.Polygon(polygon) for polygon in arena.polygons]
+    inside = shapely.intersects_xy(solids, *place.tolist())
+    return bool(((place >= low) & (place <= high)).all() and not np.any(inside))
 
 
 def _fitted(
@@ -183,9 +267,18 @@ def free_distance(
     return float(steps[free - 1]) if free else 0.0
 
 
-def _met(way: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
-    """Whether somebody comes near to a straight way."""
-    start, along = way[0], way[1] - way[0]
-    share = np.clip(((places - start) * along).sum(axis=1) / (along * along).sum(), 0.0, 1.0)
-    gap = places - start - share[:, None] * along
-    return bool(((gap * gap).sum(axis=1) <= NEAR * NEAR).any())
+def _met(way: NDArray[np.float64], people: NDArray[np.float64]) -> bool:
+    """Whether somebody comes near to a way (n, 2)."""
+    for start, end in pairwise(way):
+        along = end - start
+        share = np.clip(((people - start) * along).sum(axis=1) / (along * along).sum(), 0.0, 1.0)
+        gap = people - start - share[:, None] * along
+        if ((gap * gap).sum(axis=1) <= NEAR * NEAR).any():
+            return True
+    return False
+
+
+def _length(way: NDArray[np.float64]) -> float:
+    """Of a way (n, 2) [m]."""
+    steps = np.diff(way, axis=0)
+    return float(np.sqrt((steps * steps).sum(axis=1)).sum())

@@ -13,11 +13,12 @@ from crowdbench.simulation.walking import Crowd
 
 def come_and_go(s: State, lane: int, episode: Episode) -> None:
     """Let a lane's recorded people appear and leave, at the end of a control period."""
-    people = s.people[lane]
+    people, robots = s.people[lane], s.robots[lane]
     assert isinstance(episode.model, Recorded)
     tracks = episode.model.tracks
     step = round(float(s.worlds["time"][lane]) / episode.prepared.scenario.control_period)
-    present = episode.model.present(crowd_of(s, lane, episode), step)
+    in_scene = robots["pose"][robots["active"], :2]
+    present = episode.model.present(crowd_of(s, lane, episode), in_scene, step)
     places = np.where(present[:, None], tracks.at(step), away(len(present)))
     for p in np.flatnonzero(present != people["present"][: len(present)]).tolist():
         people["present"][p] = present[p]

@@ -127,15 +127,20 @@ class Recorded(WalkingModel):
         self.tracks = tracks
         self.held = np.zeros(tracks.position.shape[1], dtype=np.bool_)
 
-    def present(self, crowd: Crowd, step: int) -> NDArray[np.bool_]:
+    def present(self, crowd: Crowd, robots: NDArray[np.float64], step: int) -> NDArray[np.bool_]:
         """(P,) who is there in a control period.
 
         Whoever would appear on top of a robot is held back until it has gone on.
+
+        Args:
+            crowd: the people so far.
+            robots: (A, 2) places of those that are still in the scene [m].
+            step: the control period.
         """
         places = self.tracks.at(step)
         there = np.isfinite(places[:, 0])
-        if len(crowd.robot_position):
-            gaps = distances(places, crowd.robot_position).min(axis=1)
+        if len(robots):
+            gaps = distances(places, robots).min(axis=1)
             blocked = there & ~crowd.present & (gaps <= crowd.robot_radius + crowd.radius)
             self.held |= blocked
             there &= ~blocked

@@ -13,7 +13,7 @@ def walls_of(scenario: Scenario) -> NDArray[np.float64]:
     """(S, 4) x1, y1, x2, y2 [m].
 
     A corridor has a wall on either long side, reaching beyond it; a map its own, then the edges of
-    its polygons; open arenas none, but for those of a recording.
+    its polygons; open arenas none. Those of a recording are added.
     """
     arena = scenario.arena
     if arena.kind == "corridor":
@@ -26,5 +26,5 @@ def walls_of(scenario: Scenario) -> NDArray[np.float64]:
     ]
     if scenario.pedestrians.recording.file:
         recording, _ = load(scenario.pedestrians.recording)
-        edges += (recording.segments - np.tile(origin(recording), 2)).tolist()
+        edges += (recording.segments - np.tile(origin(recording, arena), 2)).tolist()
     return np.array([*arena.walls, *edges], dtype=np.float64).reshape(-1, 4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from crossings import crossing, walking
 from crowdbench_agents.straight_line import StraightLine
 
 from crowdbench import load_scenario
@@ -16,6 +17,7 @@ from crowdbench.evaluation.disturbance import (
 )
 from crowdbench.evaluation.metrics import metrics
 from crowdbench.evaluation.rollout import run_episode
+from crowdbench.people import read_recording
 from crowdbench.simulation.world import World
 
 PERIOD = 0.2
@@ -171,6 +173,82 @@ def test_who_gets_another_goal_is_left_out():
     one, other = walks((0, 0), (0.2, 0)), walks((0, 0), (0, 0.2))
     assert _shift(one, other)[2:] == pytest.approx((np.hypot(0.2, 0.2), 0.0))
     assert np.isnan(_shift(one, other)[:2]).all()
+
+
+AWAY = (np.nan, np.nan)
+RECORDED = [AWAY, (0, 0), (0.2, 0), (0.4, 0), (0.6, 0), (0.8, 0), AWAY]
+"""Comes after one step and leaves after six."""
+
+
+@pytest.mark.parametrize(
+    ("places", "delay", "detour", "displacement"),
+    [
+        # Held back twice, it appears 0.4 m on; until then it waits where it would have begun.
+        ([AWAY, AWAY, AWAY, (0.4, 0), (0.6, 0), (0.8, 0), AWAY], 0.4, 0.0, 0.2),
+        # Held back for as long as it is recorded.
+        ([AWAY] * 7, 0.8, 0.0, 0.8),
+        # It evades by 0.2 m for a step of 0.4 m, and is 0.2 m short when it leaves.
+        ([AWAY, (0, 0), (0.2, 0), (0.2, 0.4), (0.4, 0.4), (0.6, 0.4), AWAY], 0.2, 0.4,
+         np.hypot(0.2, 0.4)),
+        # Held back once, then it waits for two steps and catches up one of them.
+        ([AWAY, AWAY, (0.2, 0), (0.2, 0), (0.2, 0), (0.6, 0), AWAY], 0.2 + 0.2, 0.0, 0.4),
+    ],
+)  # fmt: skip
+def test_people_who_come_and_go_are_compared_while_they_are_there(
+    places, delay, detour, displacement
+):
+    goals = [(0.8, 0)] * 7
+    found = _shift(walks(*places, goals=goals), walks(*RECORDED, goals=goals))
+    assert found == pytest.approx((delay, detour, displacement, 1.0))
+
+
+def test_who_is_never_there_is_nobody():
+    goals = [(0.8, 0)] * 7
+    assert np.isnan(_shift(*[walks(*[AWAY] * 7, goals=goals)] * 2)).all()
+
+
+@pytest.fixture
+def recording(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(walking(persons=8))
+    return path
+
+
+def test_without_a_robot_reactive_people_walk_as_recorded(recording):
+    scenario = crossing(recording, **{"pedestrians.reactive": 1.0})
+    twin = _simulate(scenario, 3, standing(0.0))
+    tracks = World(scenario, 3).layout.tracks
+    expected = np.array([tracks.at(k) for k in range(101)])
+    np.testing.assert_allclose(twin.position, expected, atol=1e-9)
+
+
+def test_nobody_who_is_recorded_and_not_reactive_loses_anything(recording):
+    scenario = crossing(recording, **{"pedestrians.reactive": 0.0})
+    found = disturbance(scenario, 3, standing(20.0))
+    assert found.by_robot == ZERO
+    # After a push of a millimetre they are back on their ways at once.
+    assert 0.0 < found.noise_floor.displacement <= 1e-3 + 1e-9
+    assert found.noise_floor.delay == pytest.approx(0.0, abs=1e-3)
+    seeing = crossing(recording, **{"pedestrians.reactive": 1.0})
+    driven = [np.tile([1.0, 0.0], (40, 1))]
+    assert disturbance(seeing, 3, driven).by_robot.displacement > 0.01
+
+
+def test_a_robot_at_the_entrance_holds_people_back_until_it_leaves(recording):
+    # All people enter 0.6 m from each other, in two rows; it stands on the beginning of one.
+    x, y = read_recording(recording).positions[0] - sum(read_recording(recording).extent) / 2
+    scenario = crossing(
+        recording,
+        **{"pedestrians.reactive": 0.0, "robots.start": [x, y], "robots.goal": [5.0, 0.0]},
+    )
+    twin = _simulate(scenario, 3, standing(20.0))
+    there, recorded = twin.there, _simulate(scenario, 3, standing(0.0)).there
+    held = (recorded & ~there).sum(axis=0)
+    known = recorded.any(axis=0)
+    assert (held > 0).any() and set(held.tolist()) <= {0, 2, 3}  # 0.5 m at 1 m/s
+    found = disturbance(scenario, 3, standing(20.0)).by_robot
+    assert found.delay == pytest.approx(held[known].mean() * PERIOD, rel=0.02)
+    assert found.detour == pytest.approx(0.0, abs=1e-9)
 
 
 def test_goals_that_nobody_is_pushed_off_are_the_same_in_both_twins():

@@ -1,10 +1,15 @@
 """Recordings of real people are read as pedpy reads them and as their descriptions say."""
 
+import warnings
+
 import numpy as np
 import pytest
+from crossings import crossing
+from PIL import Image
 
 from crowdbench.people import read_recording
 from crowdbench.people.summary import whole
+from crowdbench.simulation.layout import place
 
 JUELICH = {
     "bottleneck_040_c_56_h.txt": ({}, 75, 25.0),
@@ -57,3 +62,44 @@ def test_the_street_in_zurich_is_as_annotated(recordings):
     assert len(recording.times) == 8908
     assert recording.duration == pytest.approx((12381 - 780) / 15)
     assert 1.2 < whole(recording).speeds[1] < 1.6  # of people who walk freely
+
+
+@pytest.fixture
+def street(recordings, tmp_path):
+    """The map of the street in Zurich seen from above, as its homography says."""
+    metres = 0.05  # per pixel
+    x, y = np.meshgrid(np.arange(-9, 15, metres), np.arange(15, -5, -metres))
+    seen = np.linalg.inv(np.loadtxt(recordings / "eth_ucy" / "eth_H.txt"))
+    row, column, scale = np.einsum("ij,jkl->ikl", seen, [x, y, np.ones_like(x)])
+    places = np.rint([row / scale, column / scale]).astype(int)
+    walls = np.asarray(Image.open(recordings / "eth_ucy" / "eth_map.png").convert("L")) > 127
+    known = ((places >= 0) & (places < np.reshape(walls.shape, (2, 1, 1)))).all(axis=0)
+    solid = np.zeros(x.shape, bool)
+    solid[known] = walls[tuple(places[:, known])]
+    Image.fromarray(np.where(solid, 0, 254).astype(np.uint8)).save(tmp_path / "street.png")
+    (tmp_path / "street.yaml").write_text(
+        f"image: street.png\nresolution: {metres}\norigin: [-9, -5, 0]\n"
+    )
+    return {
+        "kind": "map",
+        "image": str(tmp_path / "street.yaml"),
+        "regions": {"north": [2, 7, 10, 11], "south": [2, 0, 10, 2]},
+    }
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        {"pedestrians.recording.route": "across"},
+        {"pedestrians.recording.route": "along"},
+        {"robots.start": "south", "robots.goal": "north"},
+    ],
+    ids=["across", "along", "given"],
+)
+def test_a_recording_and_its_map_are_crossed(recordings, street, way):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nobody walks through the walls of this map
+        scenario = crossing(recordings / "eth_ucy" / "eth_obsmat.txt", arena=street, **way)
+    for seed in range(3):
+        start, goal = (ends := place(scenario, seed)).robot_pose[0, :2], ends.robot_goal[0]
+        assert 2.5 <= np.linalg.norm(goal - start) <= 14

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crossings import crossing, walking
 
 import crowdbench
 from crowdbench import ScenarioError, load_scenario
@@ -9,25 +10,12 @@ from crowdbench.evaluation.metrics import metrics
 from crowdbench.evaluation.resimulate import resimulate
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.people import read_recording
-from crowdbench.simulation.crossing import free_distance, main_direction
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.simulation.recorded import CATCH_UP, Recorded, Tracks
 from crowdbench.simulation.walking import Crowd
+from crowdbench.simulation.world import World
 
-FPS = 10
 STANDING = {"robot_0": np.zeros(2)}
-
-
-def walking(persons=6, seconds=30, speed=1.0, every=3.0):
-    """People who walk along x one after another, in two rows, 12 m each."""
-    lines = ["id,time [s],x [m],y [m]"]
-    for person in range(persons):
-        for frame in range(int(12 / speed * FPS) + 1):
-            time = every * person + frame / FPS
-            if time <= seconds:
-                x, y = speed * frame / FPS - 6, 0.6 * (person % 2)
-                lines.append(f"{person},{time:.2f},{x:.4f},{y + 0.05 * np.sin(x):.4f}")
-    return "\n".join(lines) + "\n"
 
 
 @pytest.fixture
@@ -35,17 +23,6 @@ def recording(tmp_path):
     path = tmp_path / "walk.csv"
     path.write_text(walking())
     return path
-
-
-def crossing(path, **changes):
-    settings = {
-        "pedestrians.model": "recorded",
-        "pedestrians.recording": str(path),
-        "robots.travel": 6.0,
-        "time_limit": 12.0,
-        **changes,
-    }
-    return load_scenario("multimodal_fast", **settings)
 
 
 def steps(env, seed, action=STANDING):
@@ -169,18 +146,30 @@ def test_nobody_appears_on_top_of_a_robot():
     track = np.full((10, 2, 2), np.nan)
     track[3:, 0] = [0.3, 0.0]
     track[2:, 1] = [5.0, 0.0]
-    model, crowd = follower(track, robot=[0.0, 0.0])
-    nobody = np.zeros(2, bool)
-    absent = crowd(np.zeros((2, 2)), np.zeros((2, 2)), nobody)
-    assert [model.present(absent, step).tolist() for step in (1, 2, 3)] == [
+    robot = np.zeros((1, 2))
+    model, crowd = follower(track, robot[0])
+    absent = crowd(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2, bool))
+    assert [model.present(absent, robot, step).tolist() for step in (1, 2, 3)] == [
         [False, False], [False, True], [False, True],
     ]  # fmt: skip
     assert model.held.tolist() == [True, False]
-    _, away = follower(track, robot=[0.0, 2.0])
-    assert model.present(away(np.zeros((2, 2)), np.zeros((2, 2)), nobody), 4).all()
+    assert model.present(absent, np.array([[0.0, 2.0]]), 4).all()
+    assert model.present(absent, np.empty((0, 2)), 4).all()
     # Who is there already stays, however near the robot is.
     there = crowd(np.zeros((2, 2)), np.zeros((2, 2)))
-    assert model.present(there, 4).all()
+    assert model.present(there, robot, 4).all()
+
+
+@pytest.mark.parametrize("leaves", [False, True])
+def test_a_robot_that_has_left_holds_nobody_back(recording, leaves):
+    x, y = read_recording(recording).positions[0] - sum(read_recording(recording).extent) / 2
+    ends = {"robots.start": [x, y], "robots.goal": [5.0, 0.0]}
+    world = World(crossing(recording, **ends, **{"pedestrians.reactive": 0.0}), 3)
+    if leaves:
+        world.remove(0)
+    for _ in range(60):
+        world.step(np.zeros((1, 2)))
+    assert world.recorded()["recorded_held"].any() != leaves
 
 
 def test_metrics_know_only_those_who_are_there(recording):
@@ -218,8 +207,9 @@ def test_a_path_starts_at_the_scenarios_file(recording):
         ({"pedestrians.recording.file": ""}, "pedestrians.recording: missing"),
         ({"pedestrians.model": "orca"}, "allowed: none, or pedestrians.model 'recorded'"),
         ({"pedestrians.control": "agents"}, "pedestrians.control"),
-        ({"arena.kind": "corridor"}, "allowed for recorded people: open"),
+        ({"arena.kind": "corridor"}, "allowed for recorded people: open or map"),
         ({"obstacles.count": 2}, "obstacles.count"),
+        ({"pedestrians.streams": [{"start": "a", "goal": "b"}]}, "pedestrians.streams"),
         ({"pedestrians.recording.sha256": "0" * 64}, "is another file than the one noted"),
         ({"pedestrians.recording.unit": "cm"}, "positions in m, and cm is given"),
     ],
@@ -228,36 +218,3 @@ def test_what_does_not_go_together_is_named(recording, changes, told):
     document = crossing(recording).model_dump()
     with pytest.raises(ScenarioError, match=told.replace("(", r"\(")):
         crowdbench.Scenario.model_validate(document).override(changes)
-
-
-def test_a_recording_with_nobody_in_the_way_is_refused(tmp_path):
-    path = tmp_path / "apart.csv"
-    lines = ["id,time [s],x [m],y [m]"]
-    for person, y in enumerate((0.0, 40.0)):
-        lines += [f"{person},{0.5 * k},{0.0 + 0.01 * k},{y + 0.4 * k}" for k in range(10)]
-    path.write_text("\n".join(lines) + "\n")
-    scenario = crossing(path, **{"pedestrians.spawn_clearance": 8.0})
-    with pytest.raises(ScenarioError, match="cannot be crossed"):
-        CrowdEnv(scenario).reset(seed=0)
-
-
-def test_the_main_direction_is_an_axis(tmp_path):
-    path = tmp_path / "both.csv"
-    lines = ["id,time [s],x [m],y [m]"]
-    for person, sign in enumerate((1, -1, 1)):
-        lines += [f"{person},{0.5 * k},{sign * 0.3 * k},{sign * 0.3 * k}" for k in range(20)]
-    path.write_text("\n".join(lines) + "\n")
-    assert main_direction(read_recording(path)) == pytest.approx(np.pi / 4)
-
-
-@pytest.mark.parametrize(
-    "origin, clear, expected", [((0, 0), 0.3, 1.7), ((0, 1.4), 0.3, 1.7), ((1.9, 0), 0.3, 0.0)]
-)
-def test_a_disc_gets_as_far_as_its_edge_touches_the_wall(origin, clear, expected):
-    wall = np.array([[2.0, -5.0, 2.0, 5.0]])
-    found = free_distance(np.array(origin, float), np.array([1.0, 0.0]), clear, 8.0, wall)
-    assert found == pytest.approx(expected, abs=0.021)
-
-
-def test_without_walls_a_disc_gets_anywhere():
-    assert np.isinf(free_distance(np.zeros(2), np.array([1.0, 0.0]), 0.3, 8.0, np.empty((0, 4))))
