@@ -33,10 +33,12 @@ class Tracks:
     Attributes:
         position: (T, P, 2) [m]; NaN where a person is not there.
         period: between two of them [s].
+        begin: moment of the recording at which the episode begins [s].
     """
 
     position: NDArray[np.float64]
     period: float
+    begin: float
 
     @classmethod
     def of(
@@ -68,7 +70,7 @@ class Tracks:
                 present.tracks.tolist(), present.positions - origin, strict=True
             ):
                 position[step, row_of.setdefault(track, len(row_of))] = place
-        return cls(position, period)
+        return cls(position, period, begin)
 
     def at(self, step: int) -> NDArray[np.float64]:
         """(P, 2) where everybody is in a control period, NaN after the last one [m]."""

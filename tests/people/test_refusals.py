@@ -1,11 +1,14 @@
 """Files that are no recording, or not a whole one, are refused in one line."""
 
 import sqlite3
+import sys
 
 import numpy as np
 import pytest
+from crossings import crossing
 from recording_files import csv_times, hdf5, jupedsim, obsmat, petrack, table, trajnet
 
+from crowdbench import ScenarioError
 from crowdbench.people import RecordingError, read_recording
 from crowdbench.people.saved import save
 
@@ -198,11 +201,19 @@ def test_databases_with_what_cannot_be_are_refused(write, change, told):
     assert refused(path).startswith(told)
 
 
+@pytest.mark.parametrize("missing", ["pedpy", "h5py"])
 @pytest.mark.parametrize("make", [petrack, hdf5, jupedsim])
-def test_without_pedpy_it_says_what_to_install(write, monkeypatch, make):
+def test_without_the_extra_it_says_in_a_line_what_to_install(write, monkeypatch, make, missing):
     path = make(write)
-    monkeypatch.setitem(__import__("sys").modules, "pedpy", None)
-    assert "needs pedpy: pip install 'crowdbench-nav[people]'" in refused(path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pedpy"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    told = ": this kind of recording needs pedpy: pip install 'crowdbench-nav[people]'"
+    assert refused(path) == told
+    with pytest.raises(ScenarioError) as refusal:
+        crossing(path)
+    assert str(refusal.value).endswith(f"pedestrians.recording: {path}{told}")
+    assert "\n" not in str(refusal.value)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
