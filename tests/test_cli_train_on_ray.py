@@ -183,6 +183,4 @@ def test_seeds_are_trained_on_ray_and_what_they_leave_comes_back(tmp_path, monke
     assert main([*command, *bad]) == 1
     told = capsys.readouterr().err.splitlines()
     assert sorted(line.partition(":")[0] for line in told) == ["bad-0", "bad-1"]
-    assert all(
-        "training.batch: Input should be greater than or equal to 1" in line for line in told
-    )
+    assert all("training.batch: 0 is out of range; allowed: >= 1" in line for line in told)
