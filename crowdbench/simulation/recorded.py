@@ -33,10 +33,12 @@ class Tracks:
     Attributes:
         position: (T, P, 2) [m]; NaN where a person is not there.
         period: between two of them [s].
+        begin: moment of the recording at which the episode begins [s].
     """
 
     position: NDArray[np.float64]
     period: float
+    begin: float
 
     @classmethod
     def of(
@@ -58,7 +60,8 @@ class Tracks:
             period: of control [s].
             rows: P, for at least as many as are there in that time; the others are never there.
         """
-        steps = round((duration + AHEAD) / period) + 1
+        # Not one more where periods do not add up to it: rows are counted for that time.
+        steps = math.floor((duration + AHEAD) / period + 1e-9) + 1
         position = np.full((steps, rows, 2), np.nan)
         row_of: dict[int, int] = {}
         for step in range(steps):
@@ -67,7 +70,7 @@ class Tracks:
                 present.tracks.tolist(), present.positions - origin, strict=True
             ):
                 position[step, row_of.setdefault(track, len(row_of))] = place
-        return cls(position, period)
+        return cls(position, period, begin)
 
     def at(self, step: int) -> NDArray[np.float64]:
         """(P, 2) where everybody is in a control period, NaN after the last one [m]."""

@@ -10,6 +10,7 @@ from crowdbench.evaluation.metrics import metrics
 from crowdbench.evaluation.resimulate import resimulate
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.people import read_recording
+from crowdbench.scenario.recorded import AHEAD, most_tracks
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.simulation.recorded import CATCH_UP, Recorded, Tracks
 from crowdbench.simulation.walking import Crowd
@@ -40,21 +41,20 @@ def test_nobody_walks_otherwise_than_recorded(recording, seed):
     known = read_recording(recording)
     origin = sum(known.extent) / 2
     states = list(steps(env, seed))
-    # The moment is not known from outside: where the first people are tells it.
-    begin = next(
-        moment
-        for moment in np.arange(0, known.duration, 1e-2)
-        if len(known.at(moment).tracks) == np.isfinite(states[0]["pedestrian_position"][:, 0]).sum()
-        and np.allclose(_there(states[0]), known.at(moment).positions - origin, atol=6e-3)
-    )
-    compared = 0
+    begin = World(env.scenario, seed).layout.tracks.begin
+    assert len(states) > 50
     for k, state in enumerate(states):
         expected = known.at(begin + 0.2 * k).positions - origin
-        seen = _there(state)
-        if len(seen) == len(expected):  # the moment is known to a hundredth of a second
-            np.testing.assert_allclose(seen, expected, atol=0.01)
-            compared += 1
-    assert compared > 0.8 * len(states)
+        np.testing.assert_allclose(_there(state), expected, atol=1e-9)
+
+
+def test_nobody_is_followed_who_comes_after_the_time_that_rows_are_counted_for(recording):
+    # 67 periods of 0.3 s are 20.1 s; nobody who leaves at first meets who comes after 20.05 s.
+    recording.write_text("id,time,x_m,y_m\n1,0,0,0\n1,0.04,0.04,0\n2,20.05,5,0\n2,20.15,5.1,0\n")
+    known = read_recording(recording)
+    assert most_tracks(known, 10 + AHEAD) == 1
+    tracks = Tracks.of(known, np.zeros(2), 0.0, 10.0, 0.3, 1)
+    assert np.isfinite(tracks.position[:, 0, 0]).tolist() == [True] + [False] * 66
 
 
 def _there(state):
@@ -73,7 +73,7 @@ def test_people_come_and_go(recording):
 def follower(position, robot, sees=True):
     """Somebody who walks by a recording (T, P, 2), beside a robot that stands."""
     model = Recorded()
-    model.follow(Tracks(position, 0.2))
+    model.follow(Tracks(position, 0.2, begin=0.0))
     count = position.shape[1]
 
     def crowd(places, velocity, present=None):
