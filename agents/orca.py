@@ -33,7 +33,7 @@ class Orca(crowdbench.Agent):
     """Reciprocal avoidance of what the LiDAR shows."""
 
     drives = ("differential", "omnidirectional")
-    version = "0.1.0"
+    version = "0.2.0"
 
     def __init__(
         self,
@@ -60,11 +60,11 @@ class Orca(crowdbench.Agent):
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the command that follows the ORCA velocity best."""
         robot, then = self._robot, self._under_way.foresee(observation)
-        x, y, heading = then.pose.astype(float)
-        ahead = np.array([np.cos(heading), np.sin(heading)])
-        aside = np.array([-ahead[1], ahead[0]])
-        goal_x, goal_y = then.goal.astype(float)
-        distance = max(np.hypot(goal_x, goal_y), 1e-6)
+        x, y, heading = then.pose.tolist()
+        cosine, sine = math.cos(heading), math.sin(heading)
+        ahead, aside = np.array([cosine, sine]), np.array([-sine, cosine])
+        goal_x, goal_y = then.goal.tolist()
+        distance = max(math.hypot(goal_x, goal_y), 1e-6)
         speed = min(robot.speed[1], distance / robot.control_period)
         preferred = (goal_x * ahead + goal_y * aside) * speed / distance
         scene = self._tracker.update(observation)
@@ -72,7 +72,9 @@ class Orca(crowdbench.Agent):
         moving = then.velocity[0] * ahead
         if sideways:
             moving = moving + then.velocity[1] * aside
-        wanted = self._avoid(np.array([x, y]), moving, preferred, scene)
+        wanted_x, wanted_y = self._avoid(np.array([x, y]), moving, preferred, scene).tolist()
+        forward = cosine * wanted_x + sine * wanted_y
+        left = cosine * wanted_y - sine * wanted_x
         # Braking is for what stands still: pedestrians are avoided better by moving.
         points = into_frame(
             self._scan.points(self._tracker.without_moving(observation, scene)),
@@ -80,13 +82,11 @@ class Orca(crowdbench.Agent):
         )
         velocity = then.velocity.astype(float)
         if sideways:
-            forward = np.clip(wanted @ ahead, *robot.speed)
-            left = np.clip(wanted @ aside, *robot.lateral_speed)
+            forward = np.clip(forward, *robot.speed)
+            left = np.clip(left, *robot.lateral_speed)
             action = self._brake(line_gap, forward, left, velocity, points)
         else:
-            action = self._brake(
-                arc_gap, *self._follow(wanted @ ahead, wanted @ aside), velocity, points
-            )
+            action = self._brake(arc_gap, *self._follow(forward, left), velocity, points)
         return self._under_way.send(action)
 
     def _avoid(
@@ -122,13 +122,13 @@ class Orca(crowdbench.Agent):
     def _follow(self, forward: float, left: float) -> tuple[float, float]:
         """Turn towards a velocity in the robot frame, driving what of it lies ahead."""
         robot = self._robot
-        bearing = np.arctan2(left, forward)
-        if np.hypot(forward, left) < 0.02:
+        bearing, speed = math.atan2(left, forward), math.hypot(forward, left)
+        if speed < 0.02:
             return 0.0, 0.0
-        turn = np.clip(turn_towards(robot, bearing), *robot.turn_rate)
+        turn = float(np.clip(turn_towards(robot, bearing), *robot.turn_rate))
         # Halfway through the turn the robot faces the mean direction of this step.
         off = bearing - turn * robot.control_period / 2
-        return float(np.hypot(forward, left) * max(0.0, np.cos(off))), float(turn)
+        return speed * max(0.0, math.cos(off)), turn
 
     def _brake(
         self,

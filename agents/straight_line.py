@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+
 from crowdbench_agents.geometry.steering import turn_towards
 from crowdbench_agents.geometry.under_way import CommandsUnderWay
 
@@ -16,7 +17,7 @@ class StraightLine(crowdbench.Agent):
     """
 
     drives = ("differential", "omnidirectional")
-    version = "0.1.0"
+    version = "0.2.0"
 
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Remember the robot's limits."""
@@ -26,9 +27,9 @@ class StraightLine(crowdbench.Agent):
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return full speed towards the goal, slower while turning to it."""
         goal = self._under_way.foresee(observation).goal
-        x, y = goal
+        x, y = goal.tolist()
         if self._robot.drive == "omnidirectional":
-            return self._under_way.send(goal * (self._robot.speed[1] / max(np.hypot(x, y), 1e-6)))
-        bearing = np.arctan2(y, x)
+            return self._under_way.send(goal * (self._robot.speed[1] / max(math.hypot(x, y), 1e-6)))
+        bearing = math.atan2(y, x)
         turn = turn_towards(self._robot, bearing)
-        return self._under_way.send((self._robot.speed[1] * max(0.0, np.cos(bearing)), float(turn)))
+        return self._under_way.send((self._robot.speed[1] * max(0.0, math.cos(bearing)), turn))

@@ -7,7 +7,8 @@ The names in ``__all__`` are the public interface:
   ``vector_env`` makes many at once (a ``CrowdVectorEnv``), ``parallel_vector_env`` many with
   several robots (a ``CrowdParallelVectorEnv``);
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
-  given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name;
+  given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name; privileged ones
+  have ``walk_ahead`` to foresee how people will walk;
 - ``ObstacleMap``: scans of the last steps as one image, laid out by a ``MapGeometry``;
   ``ObstacleMaps`` are those of many robots;
 - scenarios: ``load_scenario`` reads a ``Scenario``; ``scenario_names`` and ``scenario_tiers`` list
@@ -28,7 +29,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import pettingzoo
 
-from crowdbench.agent import Action, Agent, AgentError, AgentSpec, Observation, RobotSpec
+from crowdbench.agent import Action, Agent, AgentError, AgentSpec
+from crowdbench.robot import Observation, RobotSpec
 from crowdbench.scenario import (
     NoRoomError,
     Scenario,
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from crowdbench.evaluation.episode import Episode
     from crowdbench.evaluation.metric import Metric
     from crowdbench.simulation.env import CrowdEnv, parallel_env
+    from crowdbench.simulation.foresight import walk_ahead
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
     from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMap, ObstacleMaps
@@ -72,6 +75,7 @@ _LAZY = {
     "parallel_env": "crowdbench.simulation.env",
     "parallel_vector_env": "crowdbench.simulation.parallel_vector_env",
     "vector_env": "crowdbench.simulation.vector_env",
+    "walk_ahead": "crowdbench.simulation.foresight",
 }
 
 __all__ = [
@@ -105,6 +109,7 @@ __all__ = [
     "scenario_names",
     "scenario_tiers",
     "vector_env",
+    "walk_ahead",
 ]
 
 

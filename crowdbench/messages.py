@@ -7,7 +7,7 @@ import reprlib
 import signal
 import traceback
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -120,10 +120,21 @@ def allowed(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """Pydantic's complaints as sentences with the dotted field and what it takes, in one line."""
-    items = error.errors(include_url=False)
+    items = _one_each(error.errors(include_url=False))
     sentences = [_sentence(item, model) for item in items[:MAX_PROBLEMS]]
     more = len(items) - len(sentences)
     return "; ".join(sentences) + (f"; and {more} more" if more > 0 else "")
+
+
+def _one_each(items: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """One complaint about each field: where numbers are missing, that, or else the first."""
+    kept: dict[tuple[str | int, ...], Mapping[str, Any]] = {}
+    for item in items:
+        *field, last = item["loc"] or ("",)
+        place = tuple(field) if isinstance(last, int) else (*field, last)
+        if place not in kept or (item["type"] == "missing" and isinstance(last, int)):
+            kept[place] = item
+    return list(kept.values())
 
 
 def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:

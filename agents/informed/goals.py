@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from crowdbench_agents.informed.prediction import ARRIVAL, without_hidden
+from crowdbench_agents.informed.prediction import without_hidden
 
 from crowdbench import orca_velocities
 from crowdbench.compiled import compiled
@@ -24,6 +24,8 @@ CELL = 0.25
 """Side of a cell [m]."""
 DIRECTIONS = 180
 """Preferred directions that are tried."""
+ARRIVAL = 0.3
+"""A pedestrian this near to its goal takes a new one [m]."""
 NOISE = 0.05
 """Standard deviation of a walk from what the model says of the nearest direction [m/s]."""
 GROUP_NOISE = 0.2

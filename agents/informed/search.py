@@ -20,12 +20,13 @@ PERIODS = np.array([1, 1, 2, 2, 2, 3, 3, 3, 3, 4])
 """Control periods for which each arc of a plan is driven: fine now, coarse later."""
 HORIZON = int(PERIODS.sum())
 """Length of a plan in control periods."""
-FINE_LEVELS = 2
-"""Arcs of a plan that are chosen among all; the others among the coarse half."""
 TICKS = 2
 """Collision checks per control period."""
-BEAM = 64
-"""Partial plans kept after each arc."""
+QUICK = (64, 2)
+"""Partial plans kept after each arc, and arcs of a plan that are chosen among all actions, the
+others among the coarse half."""
+THOROUGH = (512, len(PERIODS))
+"""The same where a quick search has found no way out."""
 CELL, SECTOR = 0.12, 0.4
 """Of partial plans that end in the same cell [m] and sector [rad], one is kept."""
 CONTACT = 0.04
@@ -45,37 +46,6 @@ LOST = 1000.0
 ABSENT = -1.0
 """Radius of who is in nobody's way."""
 _RUNNING, _ENDED = 0, 1
-_COARSE = [(1.0, turn) for turn in (0.0, 0.35, 1.0, -0.35, -1.0)]
-_COARSE += [(0.4, turn) for turn in (0.0, 0.7, -0.7)] + [(0.0, turn) for turn in (0.0, 1.0, -1.0)]
-_FINE = [(1.0, turn) for turn in (0.12, 0.65, -0.12, -0.65)]
-_FINE += [(0.7, turn) for turn in (0.0, 0.5, -0.5)] + [(0.4, turn) for turn in (1.0, -1.0)]
-_FINE += [(0.0, turn) for turn in (0.4, -0.4)]
-_COARSE_LINES = [(1.0, math.pi / 8 * k) for k in (0, 1, -1, 2, -2, 4, -4, 6, -6, 8)]
-_COARSE_LINES += [(0.4, math.pi / 4 * k) for k in (0, 1, -1)] + [(0.0, 0.0)]
-_FINE_LINES = [(1.0, math.pi / 16 * k) for k in (1, -1, 3, -3, 6, -6)]
-_FINE_LINES += [(0.4, math.pi / 4 * k) for k in (2, -2, 3, -3, 4)]
-_FINE_LINES += [(0.7, math.pi / 4 * k) for k in (0, 1, -1)]
-
-
-def arcs(speed, turn_rate):
-    """(A, 2) v [m/s], w [rad/s] to choose from, within a robot's limits; the coarse half first."""
-    slow, fast = max(0.0, speed[0]), speed[1]
-    right, left = turn_rate
-    return np.array(
-        [(slow + v * (fast - slow), w * (left if w > 0 else -right)) for v, w in _COARSE + _FINE]
-    )
-
-
-def lines(speed, lateral_speed):
-    """The same for an omnidirectional robot: (A, 2) speeds ahead and to the left [m/s]."""
-    low, high = np.array([speed, lateral_speed]).T
-    chosen = []
-    for share, angle in _COARSE_LINES + _FINE_LINES:
-        way = np.array([math.cos(angle), math.sin(angle)])
-        # The largest speed that way, within both limits.
-        bounds = np.where(way > 0, high, -low) / np.maximum(np.abs(way), 1e-9)
-        chosen.append(share * max(0.0, bounds.min()) * way)
-    return np.array(chosen)
 
 
 @compiled()
@@ -99,6 +69,8 @@ def search(
     origin,
     lengths,
     winds,
+    width,
+    fine,
     kept,
     plan,
 ):
@@ -121,6 +93,8 @@ def search(
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         origin, lengths, winds: of the DistanceField.
+        width: partial plans kept after each arc.
+        fine: arcs of a plan that are chosen among all; the others among the coarse half.
         kept: (M, 2) what is left of the last plan. It competes: a plan that still works is not
             to be lost because the arcs are cut elsewhere now.
         plan: (HORIZON, 2) the cheapest plan, written.
@@ -128,12 +102,7 @@ def search(
     Returns:
         Length of the plan in control periods, its cost [s].
     """
-    top, turn = arcs[0, 0], abs(arcs[0, 1])
-    for a in range(1, len(arcs)):
-        top, turn = max(top, arcs[a, 0]), max(turn, abs(arcs[a, 1]))
-    if not turns:
-        for a in range(len(arcs)):
-            top, turn = max(top, math.hypot(arcs[a, 0], arcs[a, 1])), math.inf
+    top, turn = _fastest(arcs, turns)
     scene = (
         turns,
         goal,
@@ -150,7 +119,7 @@ def search(
     )
     reach_v, reach_w = limits[0] * period, limits[1] * period
     # Columns: x, y, heading, v, w, cost so far, row of the beam it continues (-1: the last plan).
-    beam = np.zeros((BEAM + 1, 7))
+    beam = np.zeros((width + 1, 7))
     for i in range(3):
         beam[0, i] = pose[i]
     beam[0, 3], beam[0, 4] = velocity[0], velocity[1]
@@ -164,7 +133,7 @@ def search(
     for level in range(len(PERIODS)):
         count = np.int64(0)
         ticks = np.int64(PERIODS[level] * TICKS)
-        choices = len(arcs) if level < FINE_LEVELS else len(arcs) // 2
+        choices = len(arcs) if level < fine else len(arcs) // 2
         for b in range(alive):
             for a in range(choices):
                 v, w = _within(arcs[a, 0], arcs[a, 1], beam[b, 3], beam[b, 4], reach_v, reach_w)
@@ -193,7 +162,7 @@ def search(
         if count == 0 or best <= score[_cheapest(score, count)]:
             break
         if level < len(PERIODS) - 1:
-            alive = _select(children, score, count, beam)
+            alive = _select(children, score, count, width, beam)
             if old_lives:
                 _copy(old, beam[alive])
                 alive += 1
@@ -205,6 +174,56 @@ def search(
             best, best_level = score[cheapest], len(PERIODS) - 1
             _copy(children[cheapest], best_end)
     return _trace(best_end, best_level, history, kept, plan), best
+
+
+@compiled()
+def cost_of(
+    pose,
+    goal,
+    tolerance,
+    half_length,
+    half_width,
+    period,
+    turns,
+    arcs,
+    future,
+    spread,
+    share,
+    price,
+    obstacles,
+    walls,
+    origin,
+    lengths,
+    winds,
+    plan,
+):
+    """Cost [s] of a plan (HORIZON, 2), for arguments as of ``search``."""
+    top, turn = _fastest(arcs, turns)
+    tick = period / TICKS
+    scene = (
+        turns, goal, tolerance, half_length, half_width, tick,
+        future, spread, share, price, obstacles, walls,
+    )  # fmt: skip
+    node = np.zeros(7)
+    for i in range(3):
+        node[i] = pose[i]
+    for step in range(len(plan)):
+        row = np.int64(step * TICKS)
+        if _drive(node, plan[step, 0], plan[step, 1], row, np.int64(TICKS), scene, node) == _ENDED:
+            return node[5]
+    return node[5] + _time_left(node, goal, tolerance, top, turn, origin, lengths, winds)
+
+
+@compiled()
+def _fastest(arcs, turns):
+    """Largest speed [m/s] and turn rate [rad/s] of some actions."""
+    top, turn = arcs[0, 0], abs(arcs[0, 1])
+    for a in range(1, len(arcs)):
+        top, turn = max(top, arcs[a, 0]), max(turn, abs(arcs[a, 1]))
+    if not turns:
+        for a in range(len(arcs)):
+            top, turn = max(top, math.hypot(arcs[a, 0], arcs[a, 1])), math.inf
+    return top, turn
 
 
 @compiled()
@@ -356,11 +375,11 @@ def _discomfort(
 
 
 @compiled()
-def _select(children, score, count, beam):
+def _select(children, score, count, width, beam):
     """Keep the best children, at most one per cell of position and heading."""
     order = np.empty(count, dtype=np.int64)
     sort(score, order)
-    cells = np.empty((BEAM, 3), dtype=np.int64)
+    cells = np.empty((width, 3), dtype=np.int64)
     kept = 0
     for i in order:
         cx, cy = math.floor(children[i, 0] / CELL), math.floor(children[i, 1] / CELL)
@@ -374,6 +393,6 @@ def _select(children, score, count, beam):
             cells[kept, 0], cells[kept, 1], cells[kept, 2] = cx, cy, ch
             _copy(children[i], beam[kept])
             kept += 1
-            if kept == BEAM:
+            if kept == width:
                 break
     return kept

@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 import crowdbench
-from crowdbench.messages import short
+from crowdbench.messages import explain
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -284,8 +284,4 @@ def parse_config(document: Mapping[str, Any], source: str) -> Config:
     try:
         return Config.model_validate(document)
     except ValidationError as error:
-        lines = [
-            f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {short(item['input'])})"
-            for item in error.errors()
-        ]
-        raise ConfigError(f"{source}: " + "; ".join(lines)) from error
+        raise ConfigError(f"{source}: {explain(error, Config)}") from error

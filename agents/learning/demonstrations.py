@@ -49,7 +49,7 @@ def open_replay(folder: Path, config: Config, robot: crowdbench.RobotSpec, socia
 
 
 class Demonstrations(Replay):
-    """The demonstrations of all runs in a folder: one for each expert, number and set of scenarios.
+    """Demonstrations of all runs in a folder: some for each expert, number, map and scenarios.
 
     Args:
         runs: the folder of all runs, in which they are kept.
@@ -65,7 +65,9 @@ class Demonstrations(Replay):
         self._expert, self._wanted = settings.expert, settings.demonstrations
         self._geometry = config.perception.geometry
         digest = joint_digest(scenario_digests(TRAINING_SCENARIOS))
-        self._folder = runs / f"demonstrations-{self._expert}-{self._wanted}-{digest}"
+        seen = config.perception
+        map_ = f"{seen.cells}x{seen.size:g}m-{seen.ahead:g}m"
+        self._folder = runs / f"demonstrations-{self._expert}-{self._wanted}-{map_}-{digest}"
         # An episode that has begun is driven to its end, which takes some more rows.
         rows = -(-self._wanted // LANES) + 400
         detour = Detour(settings.detour_price, robot.control_period)

@@ -233,7 +233,7 @@ class Replay:
         lane, row = lane[:count], row[:count]
         special = round(collision_share * count)
         if special:
-            lanes, ends = np.nonzero(self._data.collision)
+            lanes, ends = np.nonzero(self._data.collision & (starts > 0)[:, None])
             if len(lanes):
                 pick = rng.integers(len(lanes), size=special)
                 lane[:special] = lanes[pick]

@@ -15,6 +15,7 @@ from typing import Annotated, TextIO
 import typer
 
 from crowdbench.agent import AgentError
+from crowdbench.call_stack import with_room
 from crowdbench.cli.agents import agents
 from crowdbench.cli.common import UserError, err, out
 from crowdbench.cli.compare import compare
@@ -69,6 +70,7 @@ def _in_ascii(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error(_IN_ASCII, _in_ascii)
 
 
+@with_room
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the user's mistakes become one red line and exit code 2."""
     for stream in (sys.stdout, sys.stderr):

@@ -35,4 +35,5 @@ def save(write: Callable[[], object], path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write()
     except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be written ({error})") from error
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise UserError(f"{path}: cannot be written ({reason or error})") from error

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import Action, Agent, Observation, RobotSpec
+from crowdbench.agent import Action, Agent
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.machine import machine_name
 from crowdbench.evaluation.results import Cell, Origin, ResultsStore, scenario_label
 from crowdbench.evaluation.scoring import Scorer
+from crowdbench.robot import Observation, RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import WORLD_VERSION
 from crowdbench.simulation import window as windows

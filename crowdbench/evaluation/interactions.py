@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.simulation.rounding import atan2
+
 Array = NDArray[np.float64]
 
 WALKING_SPEED = 0.1
@@ -81,7 +83,7 @@ def hull_distance(robot_position: Array, people: Array) -> Array:
     nearest = begin + np.clip(share, 0.0, 1.0)[..., None] * edge
     distance = np.linalg.norm(nearest, axis=2).min(axis=1)
     # Inside, people are all around: no gap between neighbouring directions is half a turn.
-    angles = np.sort(np.arctan2(offset[..., 1], offset[..., 0]), axis=1)
+    angles = np.sort(atan2(offset[..., 1], offset[..., 0]), axis=1)
     gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2 * np.pi)
     return np.where(gaps.max(axis=1) < np.pi, 0.0, distance)
 

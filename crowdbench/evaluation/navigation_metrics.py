@@ -15,6 +15,7 @@ from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metric import mean
 from crowdbench.evaluation.shortest_path import shortest_path
 from crowdbench.simulation.contact import ContactKind
+from crowdbench.simulation.rounding import atan2
 
 STALLED_SPEED = 0.05
 """Speed below which the robot makes no headway [m/s]."""
@@ -192,7 +193,7 @@ def curvature(episode: Episode) -> float:
     chords, length = chords[length >= _STANDS], length[length >= _STANDS]
     if len(chords) < 2:
         return math.nan
-    turns = _wrapped(np.diff(np.arctan2(chords[:, 1], chords[:, 0])))
+    turns = _wrapped(np.diff(atan2(chords[:, 1], chords[:, 0])))
     return float(np.abs(turns).sum() / ((length[:-1] + length[1:]) / 2).sum())
 
 

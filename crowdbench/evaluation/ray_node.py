@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import tempfile
+import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -21,6 +23,10 @@ from crowdbench.evaluation.results import Origin
 
 _KEPT = 2
 """Processes of a worker: there may be as many workers as processors, and memory is limited."""
+_FOLDER = "crowdbench-node-"
+"""Prefix of workers' folders."""
+_YOUNG = 60.0
+"""A folder without a lock may be about to get it for so long [s]."""
 
 
 class Greeting(NamedTuple):
@@ -47,7 +53,7 @@ class Node:
             limits: for agent code.
             folder: the one that the run was started in, where it was started.
         """
-        self._root = Path(tempfile.mkdtemp(prefix="crowdbench-")).resolve()
+        self._root, self._lock = own_folder()
         here = below(self._root, folder)
         here.mkdir(parents=True, exist_ok=True)
         os.chdir(here)  # processes start in it
@@ -77,3 +83,29 @@ class Node:
         self._pool.__exit__(None, None, None)
         os.chdir("/")
         shutil.rmtree(self._root, ignore_errors=True)
+        os.close(self._lock)
+
+
+def own_folder() -> tuple[Path, int]:
+    """Make a temporary folder, and remove those of workers that were killed.
+
+    Returns:
+        The folder, and a descriptor that locks it until it is closed or this process ends.
+    """
+    for left in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*"):
+        try:
+            lock = os.open(left, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        except OSError:  # gone by now, or somebody else's
+            continue
+        try:
+            if time.time() - os.fstat(lock).st_mtime > _YOUNG:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(left, ignore_errors=True)
+        except BlockingIOError:
+            pass  # of a worker that lives
+        finally:
+            os.close(lock)
+    root = Path(tempfile.mkdtemp(prefix=_FOLDER)).resolve()
+    lock = os.open(root, os.O_RDONLY | os.O_DIRECTORY)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    return root, lock

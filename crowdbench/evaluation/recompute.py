@@ -99,8 +99,8 @@ def _cells(connection: sqlite3.Connection, found: Recomputed) -> list[_Cell]:
         name = f"{agent} in {label}"
         if world != WORLD_VERSION:
             found.without_commands.append(
-                f"{name}: {rows} rows of world {short(world)}, and this crowdbench simulates world "
-                f"{WORLD_VERSION}"
+                f"{name}: {rows} rows of world {short(world)}; this crowdbench simulates world "
+                f"{WORLD_VERSION}, where the same actions come to other episodes"
             )
             continue
         if kept and scenario is None:

@@ -150,11 +150,16 @@ def _robots(stored: _Cell, seed: int, rows: pd.DataFrame, folder: Path) -> list[
 def _fill_in(
     stored: _Cell, values: Mapping[Key, Mapping[str, float]], folder: Path, found: Recomputed
 ) -> None:
-    """Write a cell with what is new of its rows; those without commands have no value."""
+    """Write a cell with what is new of its rows, if there are commands for all of them.
+
+    A file says by its columns what all of its rows were measured with.
+    """
     rows, commands = stored.rows.drop(columns=NOT_COMPUTED), stored.commands
     keys = list(zip(rows["seed"], rows["robot"], strict=True))
+    if not values.keys() >= set(keys):
+        return
     for name in dict.fromkeys(name for new in values.values() for name in new):
-        rows[name] = [values.get(key, {}).get(name, math.nan) for key in keys]
+        rows[name] = [values[key].get(name, math.nan) for key in keys]
     told: dict[Key, NDArray[np.float64]] = {}
     took: dict[Key, NDArray[np.floating]] = {}
     for seed in commands.seeds:

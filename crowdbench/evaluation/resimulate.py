@@ -12,10 +12,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import Action, Agent, Observation, RobotSpec
+from crowdbench.agent import Action, Agent
 from crowdbench.evaluation.driven import ResimulationError
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.rollout import run_episode
+from crowdbench.robot import Observation, RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.env import CrowdEnv
 

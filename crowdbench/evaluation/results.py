@@ -354,6 +354,6 @@ def _warn_of_other_worlds(connection: sqlite3.Connection, folder: Path) -> None:
     for world, count in connection.execute(query, (WORLD_VERSION,)):
         warnings.warn(
             f"{folder}: {count:,} rows are of world {short(world)} and left out; this crowdbench "
-            f"simulates world {WORLD_VERSION}",
+            f"simulates world {WORLD_VERSION}, where the same actions come to other episodes",
             stacklevel=3,
         )

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import Agent, AgentSpec, Observation, require_drive
+from crowdbench.agent import Agent, AgentSpec, require_drive
 from crowdbench.evaluation.episode import Episode, Outcome, Source
 from crowdbench.evaluation.heartbeat import RESET
 from crowdbench.messages import describe_error, is_interrupt, plain_text
+from crowdbench.robot import Observation
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
 from crowdbench.simulation.contact import Contact

@@ -98,7 +98,8 @@ def read_frame(connection: sqlite3.Connection, cells: Sequence[int], path: Path)
     connection.execute("COMMIT")
     if not end:
         return empty_frame()
-    table: dict[str, NDArray[Any] | list[str]] = {**texts}
+    # As objects, since the same text is one object in all rows: pandas' own has each row's letters.
+    table: dict[str, Any] = {name: pd.Series(each, dtype=object) for name, each in texts.items()}
     table |= zip(_INTEGERS, integers[:, :end], strict=True)
     table |= zip(metrics, numbers[:, :end], strict=True)
     # Columns as they were read, without another copy of all numbers.

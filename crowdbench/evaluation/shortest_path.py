@@ -18,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.simulation.rounding import atan2
+
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-9
@@ -203,7 +205,7 @@ def _arcs_between(
         Indices of the points where each arc begins and ends, and the arcs.
     """
     offset = point - centre[circle]
-    angle = np.arctan2(offset[:, 1], offset[:, 0])
+    angle = atan2(offset[:, 1], offset[:, 0])
     phase = (turn * angle) % _TURN
     ring = 2 * circle + (turn > 0)
     first = np.lexsort((phase, ring))
@@ -301,7 +303,7 @@ def _arc_gaps(arcs: _Arcs, cores: Array) -> Array:
 
     def spans(target: Array) -> NDArray[np.bool_]:
         offset = target - centre
-        angle = np.arctan2(offset[..., 1], offset[..., 0])
+        angle = atan2(offset[..., 1], offset[..., 0])
         return np.asarray((angle - arcs.angle[:, None]) % _TURN <= arcs.sweep[:, None])
 
     foot = _nearest_on(centre, a, b)

@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from crowdbench.simulation.rounding import atan2, exp
+
 Array = NDArray[np.float64]
 
 INTERACTION_STRENGTH = 2.1
@@ -60,7 +62,7 @@ def social_work(
     on_robot = np.linalg.norm(forces.sum(axis=1), axis=1)
     on_people = np.linalg.norm(forces, axis=2).sum(axis=1)
     distance = boundary_distance(position, walls, obstacles)
-    by_boundary = BOUNDARY_STRENGTH * np.exp(-(distance - radius) / BOUNDARY_RANGE)
+    by_boundary = BOUNDARY_STRENGTH * exp(-(distance - radius) / BOUNDARY_RANGE)
     return np.asarray(on_robot + by_boundary + on_people)
 
 
@@ -82,11 +84,11 @@ def social_force(offset: Array, relative_velocity: Array) -> Array:
     acts = (distance > 0) & (length > 0)
     length = np.where(acts, length, 1.0)
     t = D / length[..., None]
-    theta = np.arctan2(e[..., 0] * t[..., 1] - e[..., 1] * t[..., 0], np.sum(e * t, axis=-1))
+    theta = atan2(e[..., 0] * t[..., 1] - e[..., 1] * t[..., 0], np.sum(e * t, axis=-1))
     B = INTERACTION_RANGE * length
-    strength = np.where(acts, INTERACTION_STRENGTH * np.exp(-distance / B), 0.0)
-    brake = -strength * np.exp(-((BRAKE_WIDTH * B * theta) ** 2))
-    swerve = np.sign(theta) * strength * np.exp(-((SWERVE_WIDTH * B * theta) ** 2))
+    strength = np.where(acts, INTERACTION_STRENGTH * exp(-distance / B), 0.0)
+    brake = -strength * exp(-((BRAKE_WIDTH * B * theta) ** 2))
+    swerve = np.sign(theta) * strength * exp(-((SWERVE_WIDTH * B * theta) ** 2))
     left = np.stack([-t[..., 1], t[..., 0]], axis=-1)
     return np.asarray(brake[..., None] * t + swerve[..., None] * left)
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
+from crowdbench.call_stack import with_room
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Heartbeat
 from crowdbench.evaluation.keeper import keep
@@ -46,6 +47,7 @@ _LONGEST_HASH = 200
 _LONGEST_WARNING = 1000
 
 
+@with_room
 def main() -> None:
     """Serve messages until the parent is gone; arguments are the descriptors to use."""
     connection_fd, heartbeat_fd, crash_fd, parent = (int(item) for item in sys.argv[-4:])

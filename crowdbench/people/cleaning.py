@@ -157,11 +157,16 @@ def _require_plausible(path: Path, recording: CrowdRecording, unit: str) -> None
         return
     others = {name: typical * UNITS[unit] / scale for name, scale in UNITS.items() if name != unit}
     meant = [
-        f"in {name} it would be {speed:.2g} m/s (--unit {name})"
+        f"in {name} it would be {_plain(speed)} m/s (--unit {name})"
         for name, speed in others.items()
         if 0.1 < speed < 4
     ]
     raise RecordingError(
-        f"{path}: read in {unit}, people walk at {typical:.2g} m/s (a tenth of the time faster), "
-        f"which cannot be; {'; '.join([*meant, 'or is the frame rate wrong?'])}"
+        f"{path}: read in {unit}, people walk at {_plain(typical)} m/s (a tenth of the time "
+        f"faster), which cannot be; {'; '.join([*meant, 'or is the frame rate wrong?'])}"
     )
+
+
+def _plain(speed: float) -> str:
+    """Two digits and no exponent, as 120 or 0.12."""
+    return f"{float(f'{speed:.2g}'):,g}" if speed < 1e6 else f"{speed:.2g}"

@@ -47,7 +47,7 @@ def read_recording(
             head = file.read(_HEAD)
         return _read(path, head, Stated(unit, fps))
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error})") from error
+        raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: not text in UTF-8 ({error})") from error
 

@@ -18,29 +18,27 @@ def merge(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def flatten(changes: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested sections as dotted keys."""
-    flat: dict[str, Any] = {}
-    for key, value in changes.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
-
-
-def assign(document: dict[str, Any], key: str, value: Any) -> None:
-    """Set the field of a dotted key.
+def change(document: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Replace fields of a document, named by nested sections or by dotted keys.
 
     Raises:
-        ScenarioError: something on the way is no section.
+        ScenarioError: something on the way of a dotted key is no section.
     """
-    *sections, field = key.split(".")
-    for section in sections:
-        document = document.setdefault(section, {})
-        if not isinstance(document, dict):
-            raise ScenarioError(f"{_text(key)}: {short(section)} is a value, not a section")
-    document[field] = value
+    for key, value in changes.items():
+        *sections, field = str(key).split(".")
+        section = document
+        for part in sections:
+            section = section.setdefault(part, {})
+            if not isinstance(section, dict):
+                raise ScenarioError(f"{_text(str(key))}: {short(part)} is a value, not a section")
+        if isinstance(value, Mapping):
+            below = section.get(field, {})
+            # A section in the place of a value is left for the check to complain of.
+            replaced = below if isinstance(below, dict) else {}
+            change(replaced, value)
+            section[field] = replaced
+        else:
+            section[field] = value
 
 
 def _text(key: str) -> str:

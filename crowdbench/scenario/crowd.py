@@ -25,12 +25,15 @@ def _too_many(scenario: Scenario) -> str:
             f"allowed: {people.count} (pedestrians.count)"
         )
     left = people.count - queueing
-    for field, share in (("standing", people.standing), ("groups.share", people.groups.share)):
+    for field, share, others in (
+        ("standing", people.standing, "queues"),
+        ("groups.share", people.groups.share, "queues and standing people"),
+    ):
         taken = round(share * people.count)
         if taken > left:
             return (
-                f"pedestrians.{field}: {taken} of pedestrians.count {people.count} people, where "
-                f"all but {left} are in queues or stand; allowed: <= {left / people.count:.3g}"
+                f"pedestrians.{field}: {taken} of pedestrians.count {people.count} people, but "
+                f"{others} leave {left}; allowed: <= {left / people.count:.3g}"
             )
         left -= taken
     return ""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.messages import nearest, printable, quoted, short
-from crowdbench.scenario.changes import assign, flatten, merge
+from crowdbench.scenario.changes import change, merge
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
 from crowdbench.scenario.recorded import through_walls
@@ -64,8 +64,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
         scenario = _own(str(name))
     else:
         document = _scenario(str(name))
-        for key, value in flatten(changes).items():
-            assign(document, key, value)
+        change(document, changes)
         scenario = validate(document, source=str(name))
     _warn_of_passed_goals(scenario)
     if problem := through_walls(scenario):

@@ -60,12 +60,17 @@ def read_map(path: Path) -> dict[str, Any]:
 
     resolution = number("resolution", 0.001, 10)  # m per pixel
     threshold = number("occupied_thresh", 0, 1, 0.65)
-    negate = number("negate", 0, 1, 0)
+    negate = document.get("negate", 0)
+    if isinstance(negate, bool) or negate not in (0, 1):
+        raise ValueError(f"{place}: negate: {short(negate)}; allowed: 0 or 1")
     x, y = _origin(document.get("origin", [0, 0, 0]), place)
     image = document.get("image")
     if not isinstance(image, str):
         raise ValueError(f"{place}: image: {short(image)}; allowed: the name of a PGM or PNG file")
-    bright = _brightness(path.parent / image)
+    try:
+        bright = _brightness(path.parent / image)
+    except ValueError as error:
+        raise ValueError(f"{place}: image: {error}") from error
     length, width = (resolution * side for side in reversed(bright.shape))
     if max(length, width) > LARGEST:
         raise ValueError(
@@ -102,21 +107,21 @@ def _brightness(path: Path) -> NDArray[np.float64]:
 
     place = printable(path)
     if not path.is_file():
-        raise ValueError(f"image: {place} does not exist; allowed: a PGM or PNG file")
+        raise ValueError(f"{place} does not exist; allowed: a PGM or PNG file")
     try:
         with Image.open(path) as image:
             if image.mode not in _MODES:
-                raise ValueError(f"image: {place} has more than 8 bits; allowed: 8 bits a channel")
+                raise ValueError(f"{place} has more than 8 bits; allowed: 8 bits a channel")
             if image.width * image.height > MOST_PIXELS:
                 raise ValueError(
-                    f"image: {place} has {image.width} x {image.height} pixels, which is too "
+                    f"{place} has {image.width} x {image.height} pixels, which is too "
                     f"large; allowed: {MOST_PIXELS:,} pixels"
                 )
             return np.asarray(image.convert("L"), dtype=np.float64) / 255
     except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(
-            f"image: {place} cannot be read as a picture ({short(reason)}); allowed: PGM or PNG"
+            f"{place} cannot be read as a picture ({short(reason)}); allowed: PGM or PNG"
         ) from error
 
 

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from crowdbench.messages import Form, explain, quoted
 from crowdbench.scenario import crowd, maps, recorded, room, streams
-from crowdbench.scenario.changes import assign, flatten
+from crowdbench.scenario.changes import change
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.fields import Positive, Section, Text, Whole
@@ -66,8 +66,7 @@ class Scenario(Section):
             ScenarioError: unknown field or value out of range.
         """
         document = self.model_dump()
-        for key, value in flatten(changes).items():
-            assign(document, key, value)
+        change(document, changes)
         return validate(document, source=self.name)
 
     @model_validator(mode="before")

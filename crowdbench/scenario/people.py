@@ -99,9 +99,9 @@ class Pedestrians(Section):
         0.0, "0.2", description="share of the people that stand in a place of their own"
     )
     groups: Groups = later(Groups(), "0.2", description="people who walk together")
-    queues: Annotated[tuple[Queue, ...], Form("a list of queues")] = later(
-        (), "0.2", max_length=20, description="lines of people who wait to be served"
-    )
+    queues: Annotated[
+        tuple[Queue, ...], Form("a list of queues {head: [x, y], direction: 90, count: 5}")
+    ] = later((), "0.2", max_length=20, description="lines of people who wait to be served")
     on_arrival: Literal["new_goal", "stop"] = Field(
         "new_goal", description="walk on to another goal, or stand still"
     )

@@ -137,6 +137,7 @@ Version history
 What happens with the same scenario, seed and actions changes only with the world's version,
 ``crowdbench.simulation.WORLD_VERSION``:
 
+- 0.2: directions at the start are rounded as the C library does, on every processor.
 - 0.1: first release.
 """
 
@@ -153,7 +154,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from crowdbench.agent import RobotSpec
+from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.simulation.chipmunk import SET_POSITION, set_vector
+from crowdbench.simulation.clearance import sees
 from crowdbench.simulation.lanes import DRAWS, ENTRIES, LEGS_AHEAD, POINTS
 from crowdbench.simulation.pedestrians import (
     ARRIVAL,
@@ -28,8 +29,8 @@ from crowdbench.simulation.pedestrians import (
     SLOWEST,
     look,
 )
-from crowdbench.simulation.routes import Network, Regions
-from crowdbench.simulation.ways import SQUEEZED, lengths_to, next_point, sees
+from crowdbench.simulation.routes import Regions
+from crowdbench.simulation.ways import SQUEEZED, Network, lengths_to, next_point
 
 ENTRY_GAP = 0.1
 """Least gap to others with which a person enters [m]."""
@@ -278,10 +279,9 @@ def _set_out(person, walk, time, network):  # type: ignore[no-untyped-def]
 @compiled()
 def length_of(x, y, to_x, to_y, network):  # type: ignore[no-untyped-def]
     """Length of the way between two points; of the straight line where there is none [m]."""
-    nodes, between, cores, reach = network.nodes, network.between, network.cores, network.reach
-    lengths = np.empty(len(nodes))
-    lengths_to(to_x, to_y, nodes, between, cores, reach, lengths)
-    _, _, length = next_point(x, y, to_x, to_y, lengths, nodes, cores, reach)
+    lengths = np.empty(len(network.nodes))
+    lengths_to(to_x, to_y, network, lengths)
+    _, _, length = next_point(x, y, to_x, to_y, lengths, network)
     return length if length < math.inf else math.hypot(to_x - x, to_y - y)
 
 
@@ -292,13 +292,12 @@ def _plan(x, y, walk, network):  # type: ignore[no-untyped-def]
     Without a way it is the straight line.
     """
     to_x, to_y = walk.stops[walk.stage, 0], walk.stops[walk.stage, 1]
-    nodes, between, cores, reach = network.nodes, network.between, network.cores, network.reach
-    lengths = np.empty(len(nodes))
-    lengths_to(to_x, to_y, nodes, between, cores, reach, lengths)
+    lengths = np.empty(len(network.nodes))
+    lengths_to(to_x, to_y, network, lengths)
     total = 0.0
     walk.at, walk.count, walk.whole = 0, 0, False
     while walk.count < POINTS and not walk.whole:
-        nx, ny, length = next_point(x, y, to_x, to_y, lengths, nodes, cores, reach)
+        nx, ny, length = next_point(x, y, to_x, to_y, lengths, network)
         if walk.count == 0:
             total = length if length < math.inf else math.hypot(to_x - x, to_y - y)
         walk.points[walk.count, 0], walk.points[walk.count, 1] = nx, ny

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario
+from crowdbench.simulation.clearance import sees
 from crowdbench.simulation.lanes import SUCCESS
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, Places, places_of
-from crowdbench.simulation.ways import lengths_to, next_point, sees
+from crowdbench.simulation.ways import lengths_to, next_point
 
 _HALVINGS = 6
 """By which the farthest point in sight is found on a straight part of a path."""
@@ -41,7 +42,7 @@ class Guidance:
             ScenarioError: the places of one cannot be; see ``places_of``.
         """
         found = [places_of(scenario) for scenario in scenarios]
-        most = max((len(places.ways.nodes) for places in found if places), default=0)
+        most = max((len(places.ways.network.nodes) for places in found if places), default=0)
         robots = scenarios[0].robots.count
         self._places: list[Places | None] = [None] * lanes
         self._lengths = np.empty((lanes, robots, most))
@@ -60,8 +61,7 @@ class Guidance:
         self._places[lane] = places if on_map else None
         if places is None or not on_map:
             return
-        ways = places.ways
-        _find_lengths(lane, robots, self._lengths, ways.nodes, ways.between, ways.cores, ways.reach)
+        _find_lengths(lane, robots, self._lengths, places.ways.network)
         first = np.array([lane])
         _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *_arrays(places))
         self._before[lane] = self.remaining[lane]
@@ -91,50 +91,49 @@ _UNSEEN = np.empty((0, 0, 0), dtype=np.float32)
 
 def _arrays(places: Places) -> tuple[Any, ...]:
     """Of the ways among a map's walls, as ``_lead`` takes them."""
-    ways, look_ahead = places.ways, places.scenario.robots.look_ahead
-    return ways.nodes, ways.cores, ways.reach, ways.reach - WALL_CLEARANCE, look_ahead
+    network, look_ahead = places.ways.network, places.scenario.robots.look_ahead
+    return network, network.reach - WALL_CLEARANCE, look_ahead
 
 
 @compiled()
-def _find_lengths(lane, robots, lengths, nodes, between, cores, reach):  # type: ignore[no-untyped-def]
+def _find_lengths(lane, robots, lengths, network):  # type: ignore[no-untyped-def]
     """Write the lengths of the ways from all way points to the goals of a lane's robots."""
     for r in range(robots.shape[1]):
         x, y = robots[lane, r].goal[0], robots[lane, r].goal[1]
-        lengths_to(x, y, nodes, between, cores, reach, lengths[lane, r, : len(nodes)])
+        lengths_to(x, y, network, lengths[lane, r, : len(network.nodes)])
 
 
 @compiled()
-def _lead(  # type: ignore[no-untyped-def]
-    lanes, robots, lengths, remaining, seen, nodes, cores, reach, sight, look_ahead
-):
+def _lead(lanes, robots, lengths, remaining, seen, network, sight, look_ahead):  # type: ignore[no-untyped-def]
     """Write what remains of the active robots' paths, and the points ahead into ``seen``.
 
-    Where no path leads on, since something has pushed the robot, both stay as they were.
+    Where no path leads on, since something has pushed the robot, what remains stays as it was, and
+    the goal itself is seen.
 
     Args:
         lanes: (M,) which, all on the same map.
         robots, lengths, remaining: of all lanes.
         seen: of all lanes; with none nothing is seen.
-        nodes, cores, reach: of the ways on the map.
+        network: of the ways on the map.
         sight: (M,) distance to keep from each core on the straight way to the point ahead [m].
         look_ahead: [m].
     """
     for i in range(len(lanes)):
         lane = lanes[i]
         for r in range(robots.shape[1]):
-            robot, left = robots[lane, r], lengths[lane, r, : len(nodes)]
+            robot, left = robots[lane, r], lengths[lane, r, : len(network.nodes)]
             if not robot.active:
                 continue
             x, y = robot.pose[0], robot.pose[1]
             goal_x, goal_y = robot.goal[0], robot.goal[1]
-            next_x, next_y, whole = next_point(x, y, goal_x, goal_y, left, nodes, cores, reach)
+            next_x, next_y, whole = next_point(x, y, goal_x, goal_y, left, network)
             if whole == math.inf:
                 continue
             remaining[lane, r] = whole
             if len(seen) == 0:
                 continue
             x, y = _point_ahead(
-                x, y, next_x, next_y, goal_x, goal_y, left, nodes, cores, reach, sight, look_ahead
+                x, y, next_x, next_y, goal_x, goal_y, left, network, sight, look_ahead
             )
             x, y = x - robot.pose[0], y - robot.pose[1]
             cosine, sine = math.cos(robot.pose[2]), math.sin(robot.pose[2])
@@ -143,7 +142,7 @@ def _lead(  # type: ignore[no-untyped-def]
 
 @compiled()
 def _point_ahead(  # type: ignore[no-untyped-def]
-    x, y, next_x, next_y, goal_x, goal_y, lengths, nodes, cores, reach, sight, look_ahead
+    x, y, next_x, next_y, goal_x, goal_y, lengths, network, sight, look_ahead
 ):
     """The farthest point in sight within ``look_ahead`` of a path, whose first turn is known."""
     begin_x, begin_y = x, y
@@ -152,12 +151,14 @@ def _point_ahead(  # type: ignore[no-untyped-def]
         length = math.sqrt(dx * dx + dy * dy)
         share = 1.0 if length <= look_ahead else look_ahead / length
         end_x, end_y = begin_x + share * dx, begin_y + share * dy
-        if (begin_x != x or begin_y != y) and not sees(x, y, end_x, end_y, cores, sight, 1.0):
+        if (begin_x != x or begin_y != y) and not sees(
+            x, y, end_x, end_y, network.cores, sight, 1.0
+        ):
             low = 0.0
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + share)
                 end_x, end_y = begin_x + middle * dx, begin_y + middle * dy
-                if sees(x, y, end_x, end_y, cores, sight, 1.0):
+                if sees(x, y, end_x, end_y, network.cores, sight, 1.0):
                     low = middle
                 else:
                     share = middle
@@ -166,9 +167,7 @@ def _point_ahead(  # type: ignore[no-untyped-def]
         if look_ahead <= 0.0 or (next_x == goal_x and next_y == goal_y):
             return end_x, end_y
         begin_x, begin_y = next_x, next_y
-        next_x, next_y, whole = next_point(
-            begin_x, begin_y, goal_x, goal_y, lengths, nodes, cores, reach
-        )
+        next_x, next_y, whole = next_point(begin_x, begin_y, goal_x, goal_y, lengths, network)
         if whole == math.inf or (next_x == begin_x and next_y == begin_y):
             return begin_x, begin_y
 

@@ -212,7 +212,7 @@ def _place_robots(
         chosen = np.argmin(np.where(free, nearest, np.inf)) if effort == _DENSE else np.argmax(free)
         start, goal = ends[chosen]
         ahead = goal - start
-        heading = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-np.pi / 6, np.pi / 6)
+        heading = math.atan2(ahead[1], ahead[0]) + rng.uniform(-np.pi / 6, np.pi / 6)
         poses[r], goals[r] = [*start, heading], goal
     return poses, goals
 
@@ -228,13 +228,13 @@ def _line(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.float64]:
             [[end * reach, rng.uniform(-side, side)], [-end * reach, rng.uniform(-side, side)]]
         )
     # Directions from x towards y in which both ends lie within the arena.
-    least = np.arccos(min(1.0, (arena.length / 2 - radius) / reach))
-    most = np.arcsin(min(1.0, (arena.width / 2 - radius) / reach))
+    least = math.acos(min(1.0, (arena.length / 2 - radius) / reach))
+    most = math.asin(min(1.0, (arena.width / 2 - radius) / reach))
     if least <= 0.0 and most >= np.pi / 2:
         angle = rng.uniform(-np.pi, np.pi)
     else:
         angle = rng.uniform(least, max(least, most)) * rng.choice([-1.0, 1.0])
-    start = reach * np.array([np.cos(angle), np.sin(angle)])
+    start = reach * np.array([math.cos(angle), math.sin(angle)])
     if least > 0.0 or most < np.pi / 2:
         start *= rng.choice([-1.0, 1.0])
     return np.array([start, -start])

@@ -75,13 +75,12 @@ def cast_rays(
 
 
 @compiled()
-def _visited(first: float, span: float, turn: int, beams: NDArray[np.float64]) -> tuple[int, int]:
-    """Beams between the angles first and first + span, less ``turn`` circles: a half-open range.
+def _visited(offset: float, span: float, beams: NDArray[np.float64]) -> tuple[int, int]:
+    """Beams between offset and offset + span, angles from the first beam: a half-open range.
 
     One beam more on either side, so that rounding opens no gap between two shapes.
     """
     spacing = beams[1, 2] - beams[0, 2] if len(beams) > 1 else TWO_PI
-    offset = (first - beams[0, 2]) % TWO_PI - turn * TWO_PI
     lowest = max(0, math.floor(offset / spacing))
     return lowest, min(len(beams), math.ceil((offset + span) / spacing) + 1)
 
@@ -105,8 +104,9 @@ def _circle(
     if distance - radius >= largest:
         return
     half = math.asin(radius / distance)
+    offset = (math.atan2(y, x) - half - beams[0, 2]) % TWO_PI
     for turn in range(2):
-        lowest, highest = _visited(math.atan2(y, x) - half, 2 * half, turn, beams)
+        lowest, highest = _visited(offset - turn * TWO_PI, 2 * half, beams)
         for i in range(lowest, highest):
             along = x * beams[i, 0] + y * beams[i, 1]
             inside = along * along - squared + radius * radius
@@ -130,8 +130,9 @@ def _segment(
     dx, dy = x2 - x1, y2 - y1
     first = math.atan2(y1, x1)
     span = (math.atan2(y2, x2) - first) % TWO_PI
+    offset = (first - beams[0, 2]) % TWO_PI
     for turn in range(2):
-        lowest, highest = _visited(first, span, turn, beams)
+        lowest, highest = _visited(offset - turn * TWO_PI, span, beams)
         for i in range(lowest, highest):
             across = beams[i, 0] * dy - beams[i, 1] * dx
             if across == 0.0:

@@ -15,8 +15,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
+from crowdbench.robot import RobotSpec
 
 _FRAMES = 8
 _HIT_MARGIN = 1e-3  # a beam that returns the full range hit nothing [m]

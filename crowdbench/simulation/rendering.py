@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import RobotSpec
+from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.canvas import MARGIN, PAPER, WHITE, Brush, Color, Points, View
 from crowdbench.simulation.window import Window

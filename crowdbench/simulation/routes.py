@@ -20,7 +20,7 @@ from crowdbench.scenario.room import robot_radius
 from crowdbench.scenario.streams import MOST_VIA, Stream, stream_sizes
 from crowdbench.simulation.ground import Ground, Mask
 from crowdbench.simulation.walls import walls_of
-from crowdbench.simulation.ways import Ways
+from crowdbench.simulation.ways import Network, Ways
 
 MARGINS = (0.2, 0.1, 0.05, 0.0)
 """What people like to keep from walls beside their radius, where passages are wide enough [m]."""
@@ -29,19 +29,6 @@ _SAMPLE = 12
 
 Reals = NDArray[np.float64]
 Wholes = NDArray[np.int64]
-
-
-class Network(NamedTuple):
-    """Where the ways of people lead, as compiled functions take it.
-
-    Attributes:
-        nodes, between, cores, reach: of the people's ``Ways``.
-    """
-
-    nodes: Reals
-    between: Reals
-    cores: Reals
-    reach: Reals
 
 
 class Regions(NamedTuple):
@@ -140,15 +127,9 @@ def _routes(same: _Same) -> Routes:
     tables.append(areas == _main_area(scenario, ground, areas))
     outlines.append(np.empty((0, 2)))
     spots = [ground.spots(table) for table in tables]
-    ways = _ways(scenario, walls, streams, [spot.corner for spot in spots])
     begins = [np.cumsum([0, *map(len, rows)]) for rows in ([s.corner for s in spots], outlines)]
     return Routes(
-        network=Network(
-            nodes=ways.nodes,
-            between=ways.between,
-            cores=ways.cores,
-            reach=ways.reach,
-        ),
+        network=_ways(scenario, walls, streams, [spot.corner for spot in spots]).network,
         regions=Regions(
             corner=np.concatenate([spot.corner for spot in spots]),
             side=ground.side,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import RobotSpec
 from crowdbench.compiled import compiled
+from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation.kinematics import make_drive, poses_ahead
 from crowdbench.simulation.lanes import PROPRIOCEPTION
@@ -144,8 +144,7 @@ class DrawnMaps:
 
     def __init__(self, lanes: int, scenario: Scenario, geometry: MapGeometry) -> None:
         """Make room for the robots of a scenario in every lane."""
-        self._robots, self._scenario = scenario.robots.count, scenario
-        self._drive = make_drive(scenario)
+        self._robots, self._drive = scenario.robots.count, make_drive(scenario)
         count, cells = lanes * self._robots, geometry.cells
         self._histories = ObstacleMaps(count, RobotSpec.from_scenario(scenario), geometry)
         self.maps = np.zeros((lanes, self._robots, cells, cells), np.uint8)
@@ -161,18 +160,25 @@ class DrawnMaps:
         seen: NDArray[np.float32],
         active: NDArray[np.bool_],
         under_way: NDArray[np.float64],
+        period: NDArray[np.float64],
     ) -> None:
-        """Add what active robots (L, R) in lanes (M,) have seen (L, R, PROPRIOCEPTION + beams)."""
+        """Add what active robots (L, R) in lanes (M,) have seen (L, R, PROPRIOCEPTION + beams).
+
+        A command acts for a lane's ``period`` (L,) [s].
+        """
         rows, robots = np.nonzero(active[lanes])
         which = lanes[rows]
         view = as_observation(seen[which, robots])
-        ahead = poses_ahead(
-            self._drive,
-            self._scenario.control_period,
-            view["pose"],
-            view["velocity"],
-            under_way[which, robots],
-        )
+        ahead = view["pose"].astype(np.float64)
+        for lasts in set(period[which].tolist()) if under_way.shape[2] else ():
+            same = period[which] == lasts
+            ahead[same] = poses_ahead(
+                self._drive,
+                lasts,
+                ahead[same],
+                view["velocity"][same],
+                under_way[which, robots][same],
+            )
         self.maps[which, robots] = self._histories.update(
             view["lidar"], view["pose"], which * self._robots + robots, ahead
         )

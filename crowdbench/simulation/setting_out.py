@@ -55,8 +55,8 @@ def set_out(
     if layout.tracks is None:
         legs.begin(lane, state, layout.pedestrian_stage, layout.traits.first, routes)
         ahead = legs.ways(lane, state, settings.count, routes)[:, 0] - people["position"]
-        people["heading"] = heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-        directions = np.column_stack([np.cos(heading), np.sin(heading)])
+        people["heading"] = headings = [math.atan2(y, x) for x, y in ahead.tolist()]
+        directions = np.array([(math.cos(a), math.sin(a)) for a in headings]).reshape(-1, 2)
         people["velocity"] = people["preferred"] = people["speed"][:, None] * directions
     else:
         _follow(people, layout.tracks)

@@ -11,8 +11,8 @@ from crowdbench.compiled import compiled
 from crowdbench.scenario.streams import MOST_VIA
 from crowdbench.simulation.following import PLACE, length_of, place_of
 from crowdbench.simulation.map_layout import CrowdedError
-from crowdbench.simulation.routes import Network, Regions, Routes
-from crowdbench.simulation.ways import lengths_to, next_point
+from crowdbench.simulation.routes import Regions, Routes
+from crowdbench.simulation.ways import Network, lengths_to, next_point
 
 _BATCH, _BATCHES = 16, 20
 _DRAWS = 1 + (MOST_VIA + 2) * PLACE
@@ -103,12 +103,11 @@ def _place_along(
 @compiled()
 def _point_on_way(start, end, left, network):  # type: ignore[no-untyped-def]
     """The point of the way between two points (2,) that lies ``left`` [m] from its beginning."""
-    nodes, between, cores, reach = network.nodes, network.between, network.cores, network.reach
-    lengths = np.empty(len(nodes))
-    lengths_to(end[0], end[1], nodes, between, cores, reach, lengths)
+    lengths = np.empty(len(network.nodes))
+    lengths_to(end[0], end[1], network, lengths)
     x, y = start[0], start[1]
     while x != end[0] or y != end[1]:
-        nx, ny, _ = next_point(x, y, end[0], end[1], lengths, nodes, cores, reach)
+        nx, ny, _ = next_point(x, y, end[0], end[1], lengths, network)
         dx, dy = nx - x, ny - y
         distance = math.sqrt(dx * dx + dy * dy)
         if distance >= left:

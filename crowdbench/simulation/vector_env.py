@@ -56,8 +56,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from crowdbench.agent import RobotSpec
 from crowdbench.messages import short
+from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation.episodes import Episodes, Step, load_all, read_seeds
 from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT

@@ -12,6 +12,7 @@ Nothing here is rounded differently by another processor: people follow these wa
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from crowdbench.compiled import compiled
+from crowdbench.simulation.clearance import TOLERANCE, gap_between, is_free, sees
+from crowdbench.simulation.visibility import Visibility, cell_at, visibility
 
 Array = NDArray[np.float64]
 
@@ -26,21 +29,34 @@ PART = math.pi / 4
 """Largest part of an arc that one way point stands for [rad]."""
 _SMALLEST_PART = PART / 8
 """Where other things are near, parts are halved, but not below this [rad]."""
-_TOLERANCE = 1e-9
-"""Depth at which a way still counts as touching, not entering; ways this alike are equal [m]."""
 SQUEEZED = 0.1
 """Share of the clearance that is kept by those who cannot keep all of it."""
+
+
+class Network(NamedTuple):
+    """Where ways lead, as compiled functions take it.
+
+    Attributes:
+        nodes: (N, 2) way points [m].
+        between: (N, N) lengths of the shortest ways between them, inf where there is none [m].
+        cores: (M, 8) walls, then obstacles as segments of no length, with the boxes around them as
+            in ``crowdbench.simulation.clearance`` [m].
+        reach: (M,) distance to keep from each core [m].
+        visibility: which way points may be seen from where.
+    """
+
+    nodes: Array
+    between: Array
+    cores: Array
+    reach: Array
+    visibility: Visibility
 
 
 class Ways:
     """All shortest ways among fixed walls and obstacles.
 
     Attributes:
-        nodes: (N, 2) way points [m].
-        between: (N, N) lengths of the shortest ways between them, inf where there is none [m].
-        cores: (M, 8) walls, then obstacles as segments of no length; then x_min, y_min, x_max,
-            y_max of the box around what is nearer to each than its reach [m].
-        reach: (M,) distance to keep from each core [m].
+        network: where they lead.
     """
 
     def __init__(
@@ -59,35 +75,27 @@ class Ways:
             bounds: x_min, y_min, x_max, y_max that no way leaves [m].
         """
         cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
-        self.reach = np.concatenate(
-            [np.full(len(walls), float(clearance)), obstacles[:, 2] + clearance]
-        )
-        ends, grown = cores.reshape(-1, 2, 2), self.reach[:, None]
-        self.cores = np.hstack([cores, ends.min(axis=1) - grown, ends.max(axis=1) + grown])
-        self.nodes = _way_points(self.cores, self.reach)
+        reach = np.concatenate([np.full(len(walls), float(clearance)), obstacles[:, 2] + clearance])
+        ends, grown = cores.reshape(-1, 2, 2), reach[:, None]
+        cores = np.hstack([cores, ends.min(axis=1) - grown, ends.max(axis=1) + grown])
+        nodes = _way_points(cores, reach)
         if bounds is not None:
             low, high = np.array(bounds[:2]), np.array(bounds[2:])
-            self.nodes = self.nodes[((self.nodes >= low) & (self.nodes <= high)).all(axis=1)]
-        edges = np.zeros((len(self.nodes), len(self.nodes)))
-        _connect(self.nodes, self.cores, self.reach, edges)
-        self.between = np.asarray(dijkstra(csr_array(edges)))
+            nodes = nodes[((nodes >= low) & (nodes <= high)).all(axis=1)]
+        edges = np.zeros((len(nodes), len(nodes)))
+        _connect(nodes, cores, reach, edges)
+        between = np.asarray(dijkstra(csr_array(edges)))
+        self.network = Network(nodes, between, cores, reach, visibility(nodes, cores, reach))
 
     def is_free(self, point: Array) -> bool:
         """Whether the disc fits at a point (2,) [m]."""
-        return bool(_is_free(float(point[0]), float(point[1]), self.cores, self.reach))
+        cores, reach = self.network.cores, self.network.reach
+        return bool(is_free(float(point[0]), float(point[1]), cores, reach))
 
     def remaining(self, goal: Array) -> Array:
         """(N,) length of the way from every way point to a goal (2,); inf: there is none [m]."""
-        lengths = np.empty(len(self.nodes))
-        lengths_to(
-            float(goal[0]),
-            float(goal[1]),
-            self.nodes,
-            self.between,
-            self.cores,
-            self.reach,
-            lengths,
-        )
+        lengths = np.empty(len(self.network.nodes))
+        lengths_to(float(goal[0]), float(goal[1]), self.network, lengths)
         return lengths
 
     def path(self, start: Array, goal: Array) -> Array:
@@ -99,27 +107,16 @@ class Ways:
         points = [(float(start[0]), float(start[1]))]
         end = (float(goal[0]), float(goal[1]))
         while points[-1] != end:
-            x, y, length = next_point(
-                *points[-1], *end, remaining, self.nodes, self.cores, self.reach
-            )
-            if length == math.inf or len(points) > len(self.nodes) + 1:
+            x, y, length = next_point(*points[-1], *end, remaining, self.network)
+            if length == math.inf or len(points) > len(remaining) + 1:
                 return np.empty((0, 2))
             points.append((x, y))
         return np.array(points)
 
     def length(self, start: Array, goal: Array) -> float:
         """Length of the shortest way [m]; inf: there is none."""
-        end = (float(goal[0]), float(goal[1]))
-        found = next_point(
-            float(start[0]),
-            float(start[1]),
-            *end,
-            self.remaining(goal),
-            self.nodes,
-            self.cores,
-            self.reach,
-        )
-        return float(found[2])
+        ends = float(start[0]), float(start[1]), float(goal[0]), float(goal[1])
+        return float(next_point(*ends, self.remaining(goal), self.network)[2])
 
 
 def _way_points(cores: Array, reach: Array) -> Array:
@@ -147,7 +144,7 @@ def _way_points(cores: Array, reach: Array) -> Array:
             found |= {
                 corner
                 for corner in around
-                if not any(_gap(*end, *corner, *core) < _TOLERANCE for core in others)
+                if not any(gap_between(*end, *corner, *core) < TOLERANCE for core in others)
             }
     return np.array(sorted(found), dtype=np.float64).reshape(-1, 2)
 
@@ -176,13 +173,13 @@ def _corners(
 
     A part whose corner is taken may be free near the arc, so it is halved down to the smallest.
     """
-    parts = max(1, math.ceil(sweep / PART - _TOLERANCE))
+    parts = max(1, math.ceil(sweep / PART - TOLERANCE))
     part = sweep / parts
     found = set()
-    for k in range(parts if sweep > _TOLERANCE else 0):
+    for k in range(parts if sweep > TOLERANCE else 0):
         angle, distance = begin + (k + 0.5) * part, radius / math.cos(part / 2)
         x, y = centre[0] + distance * math.cos(angle), centre[1] + distance * math.sin(angle)
-        if _is_free(x, y, cores, reach):
+        if is_free(x, y, cores, reach):
             found.add((x, y))
         elif part > _SMALLEST_PART:
             for half in (begin + k * part, begin + (k + 0.5) * part):
@@ -201,20 +198,16 @@ def _connect(nodes: Array, cores: Array, reach: Array, edges: Array) -> None:
 
 
 @compiled()
-def lengths_to(
-    x: float,
-    y: float,
-    nodes: Array,
-    between: Array,
-    cores: Array,
-    reach: Array,
-    lengths: Array,
-) -> None:
+def lengths_to(x, y, network, lengths):  # type: ignore[no-untyped-def]
     """Write the lengths of the ways from all way points to a goal (x, y) into ``lengths`` (N,)."""
+    nodes, between, cores, reach = network.nodes, network.between, network.cores, network.reach
+    seen, begin = network.visibility.seen, network.visibility.begin
+    cell = cell_at(x, y, network.visibility)
     count = len(nodes)
     for i in range(count):
         lengths[i] = math.inf
-    for k in range(count):
+    for j in range(begin[cell], begin[cell + 1]):
+        k = seen[j]
         if sees(x, y, nodes[k, 0], nodes[k, 1], cores, reach, 1.0):
             dx, dy = nodes[k, 0] - x, nodes[k, 1] - y
             last = math.sqrt(dx * dx + dy * dy)
@@ -223,121 +216,53 @@ def lengths_to(
 
 
 @compiled()
-def next_point(x, y, goal_x, goal_y, lengths, nodes, cores, reach):  # type: ignore[no-untyped-def]
+def next_point(x, y, goal_x, goal_y, lengths, network):  # type: ignore[no-untyped-def]
     """Where the shortest way from (x, y) to a goal leads next, and how long all of it is.
 
     Args:
         x, y, goal_x, goal_y: [m].
         lengths: (N,) from the way points to the goal, as ``lengths_to`` writes them [m].
-        nodes, cores, reach: as of ``Ways``.
+        network: of the ``Ways``.
 
     Returns:
         x, y of the next way point or of the goal, and the whole length [m]. Without a way: the
         goal and inf.
     """
+    nodes, cores, reach = network.nodes, network.cores, network.reach
+    seen, begin = network.visibility.seen, network.visibility.begin
     dx, dy = goal_x - x, goal_y - y
     if sees(x, y, goal_x, goal_y, cores, reach, 1.0):
         return goal_x, goal_y, math.sqrt(dx * dx + dy * dy)
-    count = len(nodes)
-    values = np.empty(count)
-    share = 1.0
+    cell, share = cell_at(x, y, network.visibility), 1.0
     for _ in range(2):
-        for k in range(count):
+        first = begin[cell]
+        count = begin[cell + 1] - first
+        values = np.empty(count)
+        for j in range(count):
+            k = seen[first + j]
             dx, dy = nodes[k, 0] - x, nodes[k, 1] - y
-            values[k] = math.sqrt(dx * dx + dy * dy) + lengths[k]
+            values[j] = math.sqrt(dx * dx + dy * dy) + lengths[k]
         while True:
             best = np.int64(-1)
-            for k in range(count):
-                if values[k] == math.inf:
+            for j in range(count):
+                if values[j] == math.inf:
                     continue
                 # Of equal ways the one whose next point is farther along: not the place itself.
                 if (
                     best < 0
-                    or values[k] < values[best] - _TOLERANCE
-                    or (values[k] < values[best] + _TOLERANCE and lengths[k] < lengths[best])
+                    or values[j] < values[best] - TOLERANCE
+                    or (
+                        values[j] < values[best] + TOLERANCE
+                        and lengths[seen[first + j]] < lengths[seen[first + best]]
+                    )
                 ):
-                    best = k
+                    best = j
             if best < 0:
                 break
-            if sees(x, y, nodes[best, 0], nodes[best, 1], cores, reach, share):
-                return nodes[best, 0], nodes[best, 1], values[best]
+            k = seen[first + best]
+            if sees(x, y, nodes[k, 0], nodes[k, 1], cores, reach, share):
+                return nodes[k, 0], nodes[k, 1], values[best]
             values[best] = math.inf
-        share = SQUEEZED
+        # Who cannot keep all of the distance squeezes past walls.
+        cell, share = network.visibility.columns * network.visibility.rows, SQUEEZED
     return goal_x, goal_y, math.inf
-
-
-@compiled()
-def sees(ax, ay, bx, by, cores, reach, share):  # type: ignore[no-untyped-def]
-    """Whether the straight line from a to b keeps ``share`` of the reach from all cores.
-
-    An end that is nearer to a core than that may be left, and reached, as near as it is. ``reach``
-    may be smaller than that of the ``Ways``, never larger.
-    """
-    low_x, high_x = min(ax, bx), max(ax, bx)
-    low_y, high_y = min(ay, by), max(ay, by)
-    for i in range(len(cores)):
-        if (
-            cores[i, 4] > high_x
-            or cores[i, 5] > high_y
-            or cores[i, 6] < low_x
-            or cores[i, 7] < low_y
-        ):
-            continue
-        x1, y1, x2, y2 = cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3]
-        keep = reach[i] * share
-        if _beside(ax, ay, bx, by, x1, y1, x2, y2, keep) or _beside(
-            x1, y1, x2, y2, ax, ay, bx, by, keep
-        ):
-            continue
-        gap = _gap(ax, ay, bx, by, x1, y1, x2, y2)
-        if gap < keep - _TOLERANCE:
-            nearer = min(_distance(ax, ay, x1, y1, x2, y2), _distance(bx, by, x1, y1, x2, y2))
-            if gap < nearer - _TOLERANCE:
-                return False
-    return True
-
-
-@compiled()
-def _beside(ax, ay, bx, by, x1, y1, x2, y2, keep):  # type: ignore[no-untyped-def]
-    """Whether a segment lies beside the line through a and b, farther from it than ``keep``."""
-    ex, ey = bx - ax, by - ay
-    one, two = ex * (y1 - ay) - ey * (x1 - ax), ex * (y2 - ay) - ey * (x2 - ax)
-    least = keep * keep * (ex * ex + ey * ey)
-    return one * two > 0.0 and one * one > least and two * two > least
-
-
-@compiled()
-def _is_free(x, y, cores, reach):  # type: ignore[no-untyped-def]
-    """Whether a point keeps its distance from all cores."""
-    for i in range(len(cores)):
-        gap = _distance(x, y, cores[i, 0], cores[i, 1], cores[i, 2], cores[i, 3])
-        if gap < reach[i] - _TOLERANCE:
-            return False
-    return True
-
-
-@compiled()
-def _gap(ax, ay, bx, by, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
-    """Distance between two segments."""
-    one = (bx - ax) * (y1 - ay) - (by - ay) * (x1 - ax)
-    two = (bx - ax) * (y2 - ay) - (by - ay) * (x2 - ax)
-    if one * two < 0.0:
-        one = (x2 - x1) * (ay - y1) - (y2 - y1) * (ax - x1)
-        two = (x2 - x1) * (by - y1) - (y2 - y1) * (bx - x1)
-        if one * two < 0.0:
-            return 0.0
-    return min(
-        min(_distance(ax, ay, x1, y1, x2, y2), _distance(bx, by, x1, y1, x2, y2)),
-        min(_distance(x1, y1, ax, ay, bx, by), _distance(x2, y2, ax, ay, bx, by)),
-    )
-
-
-@compiled()
-def _distance(x, y, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
-    """Distance of a point from a segment."""
-    ex, ey = x2 - x1, y2 - y1
-    square = ex * ex + ey * ey
-    t = ((x - x1) * ex + (y - y1) * ey) / square if square > 0.0 else 0.0
-    t = min(1.0, max(0.0, t))
-    dx, dy = x1 + t * ex - x, y1 + t * ey - y
-    return math.sqrt(dx * dx + dy * dy)

@@ -23,6 +23,7 @@ class Pedestrians(NamedTuple):
 
     Attributes:
         position, velocity: (P, 2) [m], [m/s].
+        heading: (P,) direction of the last step walked [rad].
         goal, start, next_goal: (P, 2) current target, start of the leg, target after a switch [m].
         speed: (P,) preferred speed, never exceeded [m/s].
         acceleration: (P,) limit on the change of velocity, inf without one [m/s^2].
@@ -44,6 +45,7 @@ class Pedestrians(NamedTuple):
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
+    heading: NDArray[np.float64]
     goal: NDArray[np.float64]
     start: NDArray[np.float64]
     next_goal: NDArray[np.float64]
@@ -121,6 +123,22 @@ class Lane:
     def switch_probability(self) -> float:
         """Chance that a leg is interrupted; 0 where goals are unimodal."""
         return float(self.worlds.state.worlds["switch_probability"][self._lane])
+
+    @property
+    def field_of_view(self) -> float:
+        """Angle within which reactive pedestrians see robots [rad]."""
+        return 2.0 * float(self.worlds.state.worlds["half_view"][self._lane])
+
+    @property
+    def responsibility(self) -> float:
+        """Share of an evasion that a pedestrian takes on when meeting a robot."""
+        return float(self.worlds.state.worlds["responsibility"][self._lane])
+
+    @property
+    def way_clearance(self) -> float:
+        """Distance that the ways of people keep from walls; 0 without any [m]."""
+        routes = self.worlds.episode(self._lane).prepared.routes
+        return 0.0 if routes is None else float(routes.network.reach.max(initial=0.0))
 
     @property
     def layout(self) -> Layout:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import lidar_angles
+from crowdbench.robot import lidar_angles
 from crowdbench.scenario import Odometry, Scenario
 from crowdbench.simulation import kinematics, legs, streams, walking
 from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
@@ -218,7 +218,8 @@ class Worlds:
                 odometry.update(robots["pose"][r])
                 s.seen[lane, r, ODOMETRY] = odometry.wrapped()
         if self.drawn is not None:
-            self.drawn.update(lanes, s.seen, s.robots["active"], s.under_way)
+            period = s.worlds["period"]
+            self.drawn.update(lanes, s.seen, s.robots["active"], s.under_way, period)
 
     def judge(self, lanes: Lanes) -> None:
         """Write reward terms and outcomes of a step that has been observed into ``state``."""

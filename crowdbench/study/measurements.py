@@ -77,13 +77,13 @@ class Measurements:
         near = (episodes["robot"] == "robot_0") & (episodes["seed"] < wanted["episodes"].max())
         kept = episodes[near].merge(wanted, on=["scenario", "agent", "scenario_digest"])
         kept = kept[kept["seed"].between(0, kept["episodes"] - 1)]
-        kept = kept.assign(**{name: np.nan for name in METRICS if name not in kept})
         self.episodes = kept.drop(columns=["episodes", "named"])
         cells = kept.groupby(["agent", "named"], sort=False).indices
         self._not_computed = {key: not_computed(kept.iloc[rows]) for key, rows in cells.items()}
-        values = kept[["seed", *METRICS]]
+        # Metrics that no row has are NaN in the cells alone: columns take memory.
         self._cells = {
-            key: values.iloc[rows].set_index("seed").sort_index() for key, rows in cells.items()
+            key: kept.iloc[rows].set_index("seed").reindex(columns=list(METRICS)).sort_index()
+            for key, rows in cells.items()
         }
         self._means: dict[Mean, Estimate] = {}
         self._differences: dict[Pair, Difference] = {}

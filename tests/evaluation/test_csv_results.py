@@ -7,6 +7,7 @@ import json
 import re
 import struct
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,10 +18,16 @@ from crowdbench.cli import main
 from crowdbench.evaluation.csv_results import read_csv_cells
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.metrics import metrics
-from crowdbench.evaluation.recompute import recompute
-from crowdbench.evaluation.results import Cell, load_commands, load_results
+from crowdbench.evaluation.results import (
+    Cell,
+    Origin,
+    Result,
+    ResultsStore,
+    load_commands,
+    load_results,
+)
 from crowdbench.evaluation.rollout import run_episode
-from crowdbench.evaluation.stored import find_cells
+from crowdbench.simulation import WORLD_VERSION
 
 WORLD = load_scenario("multimodal_fast", time_limit=2.0)
 LABEL = f"multimodal_fast@{WORLD.digest}"
@@ -80,27 +87,26 @@ def rows_file(old):
     return old / "episodes" / LABEL / "straight_line.csv"
 
 
-def test_old_results_are_taken_over_exactly_and_can_be_recomputed(old, tmp_path, episodes, capsys):
+def test_old_results_are_taken_over_exactly_and_are_of_another_world(
+    old, tmp_path, episodes, capsys
+):
     target = tmp_path / "new"
     arguments = ["import", str(old), "--results", str(target)]
     assert main(arguments) == 0
     told = "3 rows imported, 0 were there; 2 of them with commands"
     assert capsys.readouterr().out == f"{target / 'results.sqlite'}: {told}\n"
-    rows = load_results(target)
+    rows = ResultsStore(target).rows(CELL)
     for row, episode in zip(rows.to_dict("records"), episodes, strict=True):
         for name, value in metrics(episode).items():
             np.testing.assert_array_equal(row[name], value, err_msg=name)
         assert (row["machine"], row["version"]) == ("a machine, 2 cores", "0.1.0")
         assert (row["architecture"], row["torch"]) == ("", ""), "0.1.0 did not note them"
-    (cell,) = find_cells(target)
-    np.testing.assert_array_equal(load_commands(target, cell, 1)[0], episodes[1].actions)
-    assert load_commands(target, cell, 2) is None
-    found = recompute(target)
-    assert (found.episodes, found.disagreements, found.filled) == (2, [], {})
-    assert found.without_commands == [f"straight_line in {LABEL}: 1 of 3 rows without commands"]
+    np.testing.assert_array_equal(load_commands(target, CELL, 1)[0], episodes[1].actions)
+    assert load_commands(target, CELL, 2) is None
     assert main(arguments) == 0
     assert "0 rows imported, 3 were there" in capsys.readouterr().out
-    assert len(load_results(target)) == 3
+    with pytest.warns(UserWarning, match="3 rows are of world '0.1' and left out"):
+        assert load_results(target).empty
 
 
 def test_what_a_kill_cut_off_is_left_out(old):
@@ -155,10 +161,11 @@ def test_a_folder_of_something_else_is_refused(tmp_path, capsys):
     assert "no results of crowdbench 0.1.0" in capsys.readouterr().err
 
 
-def test_rows_are_exported_as_they_are(old, tmp_path, capsys):
+def test_rows_are_exported_as_they_are(episodes, tmp_path, capsys):
     results = ["--results", str(tmp_path / "new")]
-    assert main(["import", str(old), *results]) == 0
-    capsys.readouterr()
+    cell = replace(CELL, world=WORLD_VERSION)
+    stored = [Result.of(episode, metrics(episode), Origin()) for episode in episodes]
+    ResultsStore(tmp_path / "new").append(cell, stored, WORLD)
     output = tmp_path / "out" / "rows.csv"
     assert main(["export", *results, "-o", str(output)]) == 0
     assert capsys.readouterr().out == f"{output}: 3 rows\n"

@@ -6,10 +6,10 @@ import numpy as np
 import pygame
 import pytest
 
-from crowdbench.agent import Observation, RobotSpec
 from crowdbench.evaluation import human
 from crowdbench.evaluation.results import ResultsError, load_results
 from crowdbench.evaluation.stored import find_cells, load_episodes
+from crowdbench.robot import Observation, RobotSpec
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.env import CrowdEnv
 

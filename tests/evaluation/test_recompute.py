@@ -15,6 +15,7 @@ from crowdbench.evaluation.database import FILE, ResultsError
 from crowdbench.evaluation.recompute import recompute
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Task, run
+from crowdbench.simulation import WORLD_VERSION
 
 WORLD = load_scenario(
     "multimodal_fast",
@@ -149,6 +150,20 @@ def test_what_cannot_be_simulated_again_is_listed(folder):
         f"{name}: 8 rows of a scenario that is not known as it was (digest {WORLD.digest})"
     ]
     assert found.episodes == 0
+
+
+def test_episodes_of_another_world_are_refused_with_the_reason(folder, capsys):
+    alter(folder, "UPDATE cells SET series = '0.1'")
+    other = f"world '0.1'; this crowdbench simulates world {WORLD_VERSION}, where the same actions"
+    found = recompute(folder)
+    assert found.episodes == 0 and len(found.without_commands) == 1
+    assert other in found.without_commands[0]
+    left_out = f"8 rows are of {other.replace(';', ' and left out;')}"
+    for arguments in (["replay", f"tiny@{WORLD.digest}:straight_line:0"], ["export"]):
+        assert main([*arguments, "--results", str(folder)]) == 2
+        assert left_out in " ".join(capsys.readouterr().err.split()), arguments
+    with contextlib.closing(sqlite3.connect(folder / FILE)) as database:
+        assert database.execute("SELECT count(*) FROM actions").fetchone() == (8,)
 
 
 def test_damaged_commands_end_it_with_the_episode_s_name(folder):

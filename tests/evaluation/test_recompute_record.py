@@ -110,12 +110,12 @@ def test_another_outcome_than_published_disagrees(record):
     assert all("said to end with timeout" in line for line in lines)
 
 
-def test_rows_without_commands_are_listed_and_have_no_new_metric(record, steps_metric):
+def test_rows_without_commands_are_listed_and_their_cell_gets_no_new_metric(record, steps_metric):
     change(record, keep=lambda seed: seed == 100)
     found = recompute_record(record)
     assert found.without_commands == [f"{NAME}: 2 of 3 rows without commands"]
-    assert (found.episodes, found.filled) == (1, {"length": 1})
-    assert load_record(folder=record)["length"].isna().tolist() == [True, True, False]
+    assert (found.episodes, found.filled) == (1, {})
+    assert "length" not in load_record(folder=record)
     change(record, keep=lambda seed: False)
     found = recompute_record(record)
     assert found.without_commands == [f"{NAME}: 3 of 3 rows without commands"]

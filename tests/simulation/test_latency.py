@@ -75,6 +75,22 @@ def test_lanes_do_what_the_single_environment_does():
     )
 
 
+def test_a_lane_foresees_by_its_own_control_period():
+    geometry, asked = crowdbench.MapGeometry(), commands(5)
+    short, long = (
+        crowdbench.load_scenario("multimodal_fast", control_period=period, robots={"latency": 2})
+        for period in (0.2, 0.5)
+    )
+    lanes = crowdbench.vector_env([short, long], 2, obstacle_map=geometry)
+    single = crowdbench.parallel_env(long, obstacle_map=geometry)
+    lanes.reset(seed=[1, 1], options={"scenario": np.array([0, 1])})
+    single.reset(seed=1)
+    for row in asked:
+        seen, *_ = lanes.step(np.concatenate([row, row]))
+        alone, *_ = single.step({"robot_0": row[0]})
+        np.testing.assert_array_equal(seen["map"][1], alone["robot_0"]["map"])
+
+
 def test_nothing_is_under_way_when_an_episode_begins():
     env = crowdbench.parallel_env("multimodal_fast", **REAL)
     env.reset(seed=1)

@@ -9,7 +9,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import LineString, Point, box
 
 from crowdbench import Scenario
-from crowdbench.agent import lidar_angles
+from crowdbench.robot import lidar_angles
 from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
 
 NO_PEOPLE, NO_OBSTACLES, NO_WALLS = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4))

@@ -85,7 +85,7 @@ def test_a_way_does_not_leave_the_bounds():
 
 def test_a_wall_that_ends_on_another_has_no_way_points_behind_it():
     post = [[0.0, 0.0, 0.0, 3.0], [-9.0, 0.0, 9.0, 0.0]]
-    points = ways(post).nodes
+    points = ways(post).network.nodes
     assert (points[:, 1] < 0).sum() == 4  # halves of both ends of the long wall, nothing below it
     assert sorted(points[points[:, 1] > 1, 1].round(3)) == [3.062, 3.062, 3.15, 3.15]
     assert len(points) == 12
@@ -126,7 +126,7 @@ def test_a_search_on_a_fine_grid_finds_no_shorter_way(seed):
 def test_way_point_after_way_point_the_goal_comes_nearer_by_what_was_walked(seed):
     walls, discs = random_scene(seed)
     found = ways(walls, discs)
-    fixed = found.remaining(GOAL), found.nodes, found.cores, found.reach
+    fixed = found.remaining(GOAL), found.network
     x, y, left = *START, found.length(START, GOAL)
     while (x, y) != tuple(GOAL):
         to_x, to_y, length = next_point(x, y, *GOAL, *fixed)

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowdbench_agents.informed.actions import lines
 from crowdbench_agents.informed.agent import Informed
 from crowdbench_agents.informed.distance_field import DistanceField, look_up
-from crowdbench_agents.informed.search import HORIZON, TICKS, lines
+from crowdbench_agents.informed.search import HORIZON, TICKS
 
 import crowdbench
 
@@ -89,6 +90,19 @@ def test_it_wins(scenario):
         outcome, actions = drive(scenario, seed)
         assert outcome == "success"
         assert len(actions) < 120
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seed"),
+    [
+        ("hard_open_dense", 900_008),  # somebody evades it
+        ("hard_plaza_groups", 900_015),  # a group turns
+        ("situation_blind_corner", 900_002),  # a quick search finds no way out
+    ],
+)
+def test_it_wins_where_robots_cannot_stop_at_once(scenario, seed):
+    outcome, _ = drive(scenario, seed)
+    assert outcome == "success"
 
 
 @pytest.mark.parametrize("scenario", ["multimodal_fast_nonreactive", "corridor_very_dense"])

@@ -146,21 +146,27 @@ def test_the_same_seed_gives_the_same_drive():
 
 
 def test_groups_go_where_their_first_is_believed_to_go_side_by_side():
-    crowd = {"count": 8, "reactive": 0, "groups": {"share": 1.0, "size": (2, 2)}}
+    """With nobody else near: abreast, 0.75 m apart, at the pace of the slower one."""
+    crowd = {"count": 2, "reactive": 0, "groups": {"share": 1.0, "size": (2, 2)}}
     env = crowdbench.parallel_env("unimodal_fast", pedestrians=crowd)
     env.reset(seed=SEED)
     state = env.state()
     agent = Informed(intent="sampled", futures=3)
     agent.reset(env.robot_spec(), 0)
-    for future in agent._told(state):
-        for g in range(4):
-            one, other = np.flatnonzero(state["pedestrian_group"] == g)
-            apart = state["pedestrian_position"][other] - state["pedestrian_position"][one]
-            goals = future["pedestrian_goal"]
-            np.testing.assert_allclose(goals[other] - goals[one], apart)
-            speeds = state["pedestrian_speed"][[one, other]]
-            assert future["pedestrian_speed"][one] == future["pedestrian_speed"][other]
-            assert future["pedestrian_speed"][one] == speeds.min()
+    ways = []
+    for told in agent._told(state):
+        future, spread = agent._predict(told, False)
+        before, after = future[15 * TICKS, :2, :2], future[16 * TICKS, :2, :2]
+        first, second = before
+        way = told["pedestrian_goal"][0] - first
+        way /= np.linalg.norm(way)
+        pace = state["pedestrian_speed"].min() * env.scenario.control_period
+        np.testing.assert_allclose(after - before, [pace * way] * 2, atol=2e-3)
+        assert abs(np.linalg.norm(second - first) - 0.75) < 2e-3
+        assert abs((second - first) @ way) < 0.02
+        assert (spread[: 16 * TICKS, :2] == 0.0).all()
+        ways.append(way)
+    assert np.ptp(ways, axis=0).max() > 0.01, "each future has a goal of its own"
 
 
 def test_who_walks_in_a_stream_is_believed_to_go_its_way():

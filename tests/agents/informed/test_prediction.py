@@ -64,13 +64,21 @@ HABITS = {
     "stops": {"stops": {"share": 1.0, "duration": (1.0, 3.0)}},
     "standing": {"standing": 0.5},
     "sizes": {"radius": (0.15, 0.35)},
+    "groups": {"groups": {"share": 1.0, "size": (2, 3)}},
     "a queue": {"queues": [{"head": [3, 3], "direction": 0, "count": 3, "service": [1, 2]}]},
 }
 
 
+def touch(state):
+    """Whether two people do: how bodies push each other is not foreseen."""
+    place, radius = state["pedestrian_position"], state["pedestrian_radius"]
+    gaps = np.linalg.norm(place[:, None] - place, axis=2) - radius[:, None] - radius
+    return (gaps[~np.eye(len(place), dtype=bool)] < 1e-3).any()
+
+
 @pytest.mark.parametrize("habit", HABITS)
 def test_people_with_habits_walk_as_predicted(habit):
-    """Until somebody arrives or is served; the robot is out of sight of all."""
+    """Until somebody arrives, is served or touched; the robot is out of sight of all."""
     people = {"count": 8, "reactive": 0, **HABITS[habit]}
     env, agent = crowdbench.parallel_env("unimodal_fast", pedestrians=people), Informed()
     compared, moved = 0, []
@@ -87,7 +95,7 @@ def test_people_with_habits_walk_as_predicted(habit):
             if not env.agents or (state["pedestrian_goal"] != before["pedestrian_goal"]).any():
                 break
             left = np.linalg.norm(state["pedestrian_goal"] - state["pedestrian_position"], axis=1)
-            if (left < 0.6)[state["pedestrian_walks_on"]].any():
+            if (left < 0.6)[state["pedestrian_walks_on"]].any() or touch(state):
                 break
             predicted = future[step * TICKS, : len(left), :2]
             np.testing.assert_allclose(predicted, state["pedestrian_position"], atol=1e-2)
@@ -96,6 +104,92 @@ def test_people_with_habits_walk_as_predicted(habit):
             moved.append(np.ptp(np.linalg.norm(state["pedestrian_velocity"], axis=1)))
     assert compared > 60
     assert max(moved) > 0.1
+
+
+MAP = {
+    "kind": "map",
+    "length": 12,
+    "width": 12,
+    "polygons": [[[-6, -6], [3.6, -6], [3.6, 3.6], [-6, 3.6]]],
+    "regions": {"west": [-5.5, 4, -4.5, 5.5], "south": [4, -5.5, 5.5, -4.5]},
+}
+SEEN = {
+    "all around": {"field_of_view": 360},
+    "a view": {"field_of_view": 120},
+    "attention": {"attention": {"away_share": 1.0, "away_for": (5, 9), "every": (1, 9)}},
+    "accelerations and groups": {"acceleration": 2.0, "groups": {"share": 0.5, "size": (2, 3)}},
+}
+
+
+@pytest.mark.parametrize("people", SEEN)
+def test_people_evade_a_robot_that_does_as_planned_as_predicted(people):
+    """Until somebody arrives or two touch; were it not seen they would walk elsewhere."""
+    env = crowdbench.parallel_env(
+        "unimodal_fast",
+        robots={"acceleration": (1.0, 3.0), "latency": 2},
+        pedestrians={"count": 10, "reactive": 1, "responsibility": 1.0, **SEEN[people]},
+    )
+    agent, compared, evaded = Informed(), 0, 0.0
+    plan = np.tile([1.0, 0.2], (HORIZON, 1))
+    for seed in range(900_000, 900_006):
+        env.reset(seed=seed)
+        agent.reset(env.robot_spec(), seed)
+        for _ in range(6):
+            env.step({"robot_0": (1.0, 0.0)})
+        before = env.state()
+        future, _ = agent._predict(before, True, plan)
+        unseen, _ = agent._predict(before, False)
+        latency = env.scenario.robots.latency
+        for step in range(1, 10 + latency):
+            env.step({"robot_0": plan[0]})
+            state = env.state()
+            left = np.linalg.norm(state["pedestrian_goal"] - state["pedestrian_position"], axis=1)
+            if not env.agents or left.min() < 0.6 or touch(state):
+                break
+            if step >= latency:
+                row = (step - latency) * TICKS
+                places = state["pedestrian_position"]
+                np.testing.assert_allclose(future[row, : len(left), :2], places, atol=1e-2)
+                evaded = max(evaded, np.abs(unseen[row, : len(left), :2] - places).max())
+                compared += len(left)
+    assert compared > 60
+    assert evaded > 0.05
+
+
+def test_around_corners_people_walk_as_predicted_and_leave_at_the_end():
+    """Who comes out of a stream is nowhere, and not where it would have walked on to."""
+    env = crowdbench.parallel_env(
+        "unimodal_fast",
+        arena=MAP,
+        robots={"start": "west", "goal": "south"},
+        pedestrians={
+            "count": 5,
+            "reactive": 0,
+            "acceleration": 2.0,
+            "streams": [{"start": "west", "goal": "south"}],
+        },
+    )
+    agent, compared, left = Informed(), 0, 0
+    for seed in range(900_000, 900_006):
+        env.reset(seed=seed)
+        agent.reset(env.robot_spec(), seed)
+        before = env.state()
+        future, _ = agent._predict(before, False)
+        for step in range(1, 16):
+            env.step({"robot_0": (0.0, 0.0)})
+            state = env.state()
+            goes = (state["pedestrian_goal"] != before["pedestrian_goal"]).any(axis=1)
+            if goes.any() or not env.agents:
+                assert (future[(step + 1) * TICKS, :5, 2][goes] < 0.0).all()
+                left += goes.sum()
+                break
+            if touch(state):
+                break
+            places = state["pedestrian_position"]
+            np.testing.assert_allclose(future[step * TICKS, :5, :2], places, atol=1e-2)
+            compared += 5
+    assert compared > 100
+    assert left > 0
 
 
 def test_by_velocity_or_sampled_nobody_knows_of_stops_to_come():
@@ -127,8 +221,8 @@ def test_plans_begin_when_their_commands_act(latency):
     agent = Informed()
     agent.reset(env.robot_spec(), 0)
     begins, poses = [], []
-    search = agent._search
-    agent._search = lambda pose, *rest: (begins.append(pose), search(pose, *rest))[1]
+    agree = agent._agree
+    agent._agree = lambda pose, *rest: (begins.append(pose), agree(pose, *rest))[1]
     while env.agents:
         state = env.state()
         poses.append(state["robot_pose"][0])

@@ -14,8 +14,8 @@ import crowdbench
 WANTED = 200
 
 
-def demonstrations(folder):
-    config = SMALL.override({"training.demonstrations": WANTED})
+def demonstrations(folder, **changes):
+    config = SMALL.override({"training.demonstrations": WANTED, **changes})
     robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
     return Demonstrations(folder, config, robot, social=True)
 
@@ -57,3 +57,11 @@ def test_what_one_run_has_left_another_one_records(in_empty_folder):
     assert len(later) >= WANTED
     goals = [later._data.goal[lane, :n] for lane, n in enumerate(later.lengths())]
     assert len(np.unique(np.concatenate(goals), axis=0)) == len(later), "nothing comes twice"
+
+
+@pytest.mark.parametrize("change", [("size", 9.0), ("ahead", 2.0), ("cells", 64)])
+def test_a_run_with_another_map_has_demonstrations_of_its_own(in_empty_folder, change):
+    demonstrations(in_empty_folder).record(lambda there: None, lambda: True)
+    name, value = change
+    demonstrations(in_empty_folder, **{f"perception.{name}": value})
+    assert len(list(in_empty_folder.glob("demonstrations-*"))) == 2

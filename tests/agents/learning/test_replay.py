@@ -198,3 +198,16 @@ def test_a_replay_in_files_gives_the_sequences_of_one_in_memory(tmp_path):
     a, b = (replay.sample(40, 4, np.random.default_rng(2), 0.25, True) for replay in (plain, read))
     for expected, found in zip([*a.inputs, *a[1:]], [*b.inputs, *b[1:]], strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+def test_a_collision_in_a_lane_that_is_too_short_for_a_sequence_is_left_out():
+    replay = filled([6, 6], ring=40)
+    short = Replay(3, 40, cells=16)
+    for time in range(14):
+        row = [np.asarray(part[:2, time]) for part in replay._data]
+        short.append(np.arange(2), Rows(*row))
+    short.append(np.array([2]), rows(np.array([2]), 250, 9, collision=True))
+    batch = short.sample(64, 3, np.random.default_rng(0), collision_share=1.0)
+    lanes = batch.inputs.velocity[..., 1]
+    assert set(lanes.unique().tolist()) == {0.0, 1.0}
+    assert (batch.inputs.map.flatten(2).sum(-1) > 0).sum() >= batch.inputs.map.shape[1]

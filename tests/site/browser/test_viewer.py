@@ -9,9 +9,10 @@ import urllib.parse
 import numpy as np
 import pytest
 
-from crowdbench.agent import Agent, lidar_angles
+from crowdbench.agent import Agent
 from crowdbench.evaluation.events import find_events
 from crowdbench.evaluation.joined import local_rows
+from crowdbench.robot import lidar_angles
 from crowdbench.scenario import load_scenario
 from crowdbench.simulation.lidar import beam_table, cast_rays, footprint_segments
 from crowdbench.site.website import replay_link, write_report_page
