@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.simulation.rounding import atan2
+from crowdbench.libm import atan2
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.metric import mean
 from crowdbench.evaluation.shortest_path import shortest_path
+from crowdbench.libm import atan2
 from crowdbench.simulation.contact import ContactKind
-from crowdbench.simulation.rounding import atan2
 
 STALLED_SPEED = 0.05
 """Speed below which the robot makes no headway [m/s]."""

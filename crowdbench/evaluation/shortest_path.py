@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.simulation.rounding import atan2
+from crowdbench.libm import atan2
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.simulation.rounding import atan2, exp
+from crowdbench.libm import atan2, exp
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,7 @@
-"""Lengths, sums of products and functions that every processor and compiler rounds the same.
+"""Lengths and sums of products that every processor and compiler rounds the same.
 
 Trajectories are published to the last bit. They were computed with ``math.hypot`` and with BLAS,
-which round otherwise than the plain formulas do. Functions are those of the C library: numpy has
-others of its own for some processors.
+which round otherwise than the plain formulas do.
 """
 
 from __future__ import annotations
@@ -10,25 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from numba import types
 from numba.extending import intrinsic
-from numpy.typing import ArrayLike, NDArray
 
 from crowdbench.compiled import compiled
-
-_ATAN2 = np.frompyfunc(math.atan2, 2, 1)
-_EXP = np.frompyfunc(math.exp, 1, 1)
-
-
-def atan2(y: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
-    """Direction of each (x, y) [rad], as ``math.atan2`` rounds it."""
-    return np.asarray(_ATAN2(y, x), dtype=np.float64)
-
-
-def exp(x: ArrayLike) -> NDArray[np.float64]:
-    """The exponential of each number, as ``math.exp`` rounds it."""
-    return np.asarray(_EXP(x), dtype=np.float64)
 
 
 @intrinsic
