@@ -1,10 +1,10 @@
 """Calibration: every scenario can be won by who knows everything, and not by going straight.
 
-Run ``python benchmarks/calibration.py [SCENARIO ...]``. Runs agents on the calibration seeds
-(900,000 up), which no test uses, and prints success with Wilson's interval and SPL as the rows of
-the table in docs/scenarios.md. ``informed`` has to reach 0.98 everywhere; ``straight_line`` has
-to stay below 0.7 wherever somebody walks. Finished episodes are kept in ``--folder``, so that a
-run that was stopped goes on.
+Run ``python benchmarks/calibration.py [SCENARIO ...]`` or, for the hard tier, with ``--tier hard``
+and ``--tier situation``. Runs agents on the calibration seeds (900,000 up), which no test uses, and
+prints success with Wilson's interval and SPL as the rows of the table in docs/scenarios.md, which
+says what each agent has to reach. Finished episodes are kept in ``--folder``, so that a run that
+was stopped goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from crowdbench.evaluation.runner import Task, run
 from crowdbench.evaluation.statistics import wilson_interval
 
 FIRST_SEED = VALIDATION[0]
+PAPER = {"informed": 500, "straight_line": 500}
+HARD = {"informed": 500, "informed:intent=sampled": 200, "straight_line": 500}
+"""Agents of a calibration and their episodes."""
 
 
 def main() -> None:
@@ -31,18 +34,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenarios", nargs="*", help="by default all of the tier")
     parser.add_argument("--tier", default="paper", choices=crowdbench.scenario_tiers())
-    parser.add_argument("--agents", nargs="+", default=["informed", "straight_line"])
-    parser.add_argument("--episodes", type=int, default=500)
+    parser.add_argument("--agents", nargs="+", help="by default those of the calibration")
+    parser.add_argument("--episodes", type=int, help="by default those of the calibration")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--folder", type=Path, default=Path("build/calibration"))
     options = parser.parse_args()
 
     names = options.scenarios or crowdbench.scenario_names(options.tier)
-    seeds = range(FIRST_SEED, FIRST_SEED + options.episodes)
+    usual = PAPER if options.tier == "paper" else HARD
+    agents = options.agents or list(usual)
     tasks = [
-        Task(crowdbench.load_scenario(name), crowdbench.AgentSpec.parse(agent), seeds)
+        Task(
+            crowdbench.load_scenario(name),
+            crowdbench.AgentSpec.parse(agent),
+            range(FIRST_SEED, FIRST_SEED + (options.episodes or HARD.get(agent, 500))),
+        )
         for name in names
-        for agent in options.agents
+        for agent in agents
     ]
     with Progress(console=Console(stderr=True)) as progress:
         bar = progress.add_task("episodes", total=None)
@@ -54,12 +62,14 @@ def main() -> None:
         )
 
     store = ResultsStore(options.folder)
-    results = [_summary(store.rows(cell), seeds) for cell in cells]
+    results = [
+        _summary(store.rows(cell), task.seeds) for cell, task in zip(cells, tasks, strict=True)
+    ]
     console = Console(width=200, highlight=False)
-    console.print("| scenario |" + "".join(f" {a}: success | SPL |" for a in options.agents))
-    console.print("|---|" + "---|---|" * len(options.agents))
+    console.print("| scenario |" + "".join(f" {a}: success | SPL |" for a in agents))
+    console.print("|---|" + "---|---|" * len(agents))
     for i, name in enumerate(names):
-        row = results[i * len(options.agents) : (i + 1) * len(options.agents)]
+        row = results[i * len(agents) : (i + 1) * len(agents)]
         console.print(f"| `{name}` | " + " | ".join(row) + " |")
 
 

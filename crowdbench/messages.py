@@ -20,6 +20,8 @@ MAX_NAME = 300
 """Of the name of a file or an agent in a message [characters]."""
 MAX_PROBLEMS = 5
 """That one message names; of the rest it gives the number."""
+MAX_REASON = 200
+"""Of what a library says of a file [characters]."""
 _LONGEST_ERROR = 800
 
 _OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
@@ -47,6 +49,12 @@ def short(value: object) -> str:
     """A value as Python writes it, in one line of at most 100 characters, however large it is."""
     text = " ".join(_Short().repr(value).split())
     return text if len(text) <= MAX_LENGTH else f"{text[: MAX_LENGTH - 3]}..."
+
+
+def brief(error: BaseException) -> str:
+    """What a library says, in one line of at most 200 characters."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= MAX_REASON else f"{text[: MAX_REASON - 3]}..."
 
 
 def printable(text: object) -> str:

@@ -18,8 +18,8 @@ from rich.console import Console
 
 from crowdbench.agent import agent_names
 from crowdbench.cli import main
-from crowdbench.cli.printing import print_comparison
-from crowdbench.evaluation.results import load_results
+from crowdbench.cli.printing import print_comparison, print_tables
+from crowdbench.evaluation.results import ResultsStore, load_results
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.stored import find_cells, find_scenario
 from crowdbench.scenario import scenario_names, scenario_tiers
@@ -210,6 +210,25 @@ def test_a_narrow_terminal_cuts_no_number_off():
     words = console.file.getvalue().split()
     assert words.count("0.001") == 2
     assert {"100", "pairs", "[ms]", "0.23", "0.28", "-0.044", "[-0.092,", "-0.004]"} <= set(words)
+
+
+def test_whose_times_are_left_out_is_said_in_one_line(episodes):
+    waited = {"diagnostics": {"crowdbench.processor_share": 0.5}}
+    episodes.add("orca", success=[1, 1], fixed=waited)
+    episodes.add("orca", first=2, success=[1])
+    episodes.add("straight_line", success=[1])
+    episodes.add("dynamic_window", success=[1], fixed=waited)
+    stored = load_results(episodes.folder)
+    rows = {cell: stored[stored["agent"] == cell.agent] for cell in find_cells(episodes.folder)}
+    console = Console(width=200, file=io.StringIO())
+    print_tables(console, ResultsStore(episodes.folder), rows, {}, {})
+    said = [line for line in console.file.getvalue().splitlines() if "leaves" in line]
+    assert len(said) == 1
+    names = said[0].rpartition(": ")[2].split(", ")
+    assert sorted(names) == [
+        "dynamic_window in unimodal_slow 1 of 1",
+        "orca in unimodal_slow 2 of 3",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The command that trains hands over to whoever can, and says what comes of it."""
 
-import csv
 import importlib.metadata
 from pathlib import Path
 
@@ -8,13 +7,6 @@ import pytest
 
 from crowdbench.cli import main
 from crowdbench.cli.train import _read_seeds
-
-TINY = {
-    "perception.cells": 16, "model.latent": 16, "model.hidden": 16, "training.environments": 2,
-    "training.replay": 400, "training.warmup": 20, "training.validation_episodes": 1,
-    "training.demonstrations": 0, "training.pretraining": 0, "training.bfloat16": "false",
-    "training.labelled_environments": 0, "training.planning_environments": 0,
-}  # fmt: skip
 
 
 class Trainers:
@@ -119,32 +111,3 @@ def test_what_cannot_be_trained_there_is_refused(tmp_path, monkeypatch, capsys, 
     monkeypatch.setattr(importlib.metadata, "entry_points", Trainers())
     assert main(["train", "fake", *options]) == 2
     assert told in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_seeds_are_trained_on_ray_and_what_they_leave_comes_back(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("ray")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    settings = [f"--set={key}={value}" for key, value in TINY.items()]
-    command = ["train", "sac", "--executor", "ray", "--seeds", "0-1", *settings]
-    assert main([*command, "--steps", "40"]) == 0
-    assert sorted(capsys.readouterr().out.splitlines()) == [
-        f"runs/sac-{seed}: the run of sac" for seed in (0, 1)
-    ]
-    for seed in (0, 1):
-        left = {path.name for path in Path(f"runs/sac-{seed}").iterdir()}
-        assert {"best.safetensors", "last.safetensors", "checkpoint.safetensors"} <= left
-        assert "replay" not in left
-    assert main([*command, "--steps", "80", "--resume"]) == 0
-    for seed in (0, 1):
-        curve = Path(f"results/training/sac-{seed}.csv").read_text().splitlines()
-        assert [row["steps"] for row in csv.DictReader(curve)] == ["40", "80"]
-    capsys.readouterr()
-    bad = ["--set=training.batch=0", "--name", "bad", "--steps", "40"]
-    assert main([*command, *bad]) == 1
-    told = capsys.readouterr().err.splitlines()
-    assert sorted(line.partition(":")[0] for line in told) == ["bad-0", "bad-1"]
-    assert all(
-        "training.batch: Input should be greater than or equal to 1" in line for line in told
-    )

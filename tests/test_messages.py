@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from crowdbench.messages import Form, allowed, nearest, printable, short
+from crowdbench.messages import Form, allowed, brief, nearest, printable, short
 
 
 @given(
@@ -71,3 +71,9 @@ def test_what_a_type_takes_is_said_in_words(kind, words):
 def test_a_name_is_shown_as_it_is_unless_a_terminal_could_not():
     assert printable("folder/päth.yaml") == "folder/päth.yaml"
     assert printable("a\nb\udcff") == "'a\\nb\\udcff'"
+
+
+def test_what_a_library_says_is_one_line_of_at_most_200_characters():
+    assert brief(ValueError("a\n\n  b")) == "a b"
+    told = brief(ValueError("word " * 1000))
+    assert len(told) == 200 and told.startswith("word word") and told.endswith("...")

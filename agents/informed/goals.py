@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 from crowdbench_agents.informed.prediction import without_hidden
+from crowdbench_agents.informed.stops import Stops
 
 from crowdbench import orca_velocities
 from crowdbench.compiled import compiled
@@ -66,6 +67,7 @@ class Goals:
         self._weights = np.zeros((people, len(self._cells)))
         self._draws = np.empty((futures, people, _DRAWS))
         self._begun, self._switched = np.zeros(people), np.zeros(people)
+        self._stops = Stops(people, futures, rng) if state["stop_share"] > 0.0 else None
         self._before = None
 
     def update(self, state, seen):
@@ -141,9 +143,15 @@ class Goals:
         goal[:, stands] = next_goal[:, stands] = state["pedestrian_goal"][stands]
         way[:, stands] = goal[:, stands, None]
         told = without_hidden(state)
+        if self._stops is None:
+            stop = end = np.full((futures, people), np.inf)
+        else:
+            stop, end = self._stops.draw(state, self._begun, goal)
         return [
             {
                 **told,
+                "pedestrian_stop_time": stop[k],
+                "pedestrian_stop_end": end[k],
                 "pedestrian_goal": goal[k],
                 "pedestrian_next_goal": next_goal[k],
                 "pedestrian_switch_time": switch_time[k],
@@ -172,6 +180,8 @@ class Goals:
             self._weights[p], self._cells, x, y, float(state["least_leg"]), state["obstacles"],
             float(state["pedestrian_radius"][p]), back_x, back_y, 0.5 * self._switched[p],
         )  # fmt: skip
+        if self._stops is not None:
+            self._stops.begin_leg(p)
         draws = self._draws[:, p]
         draws[:] = self._rng.random(draws.shape)
         # Evenly spread over what is believed.

@@ -8,8 +8,16 @@ from typing import Any
 
 from crowdbench_agents.latent_planner import training
 
-DIFFERENCES = {"loss.imitation": 0.0, "planner.smoothness_weight": 0.0}
-"""No imitation of the planner and no smoothness term; the social reward is left out as well."""
+DIFFERENCES = {
+    "loss.imitation": 0.0,
+    "planner.smoothness_weight": 0.0,
+    "training.planning_environments": 12,
+    "training.replanned_states": 0.0,
+}
+"""No imitation of the planner and no smoothness term; the social reward is left out as well.
+
+Nothing is planned again, since plans are not imitated; MPPI acts in more environments instead.
+"""
 
 
 def train(

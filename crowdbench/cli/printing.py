@@ -73,7 +73,7 @@ def print_tables(
     print_not_computed(console, named, list(main))
     for cell, table in rows.items():
         _print_errors(console, cell, table)
-        _print_waits(console, cell, table)
+    _print_waits(console, named)
     console.print(f"rows: {store.path}", markup=False, soft_wrap=True)
 
 
@@ -209,13 +209,15 @@ def _print_errors(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
         )
 
 
-def _print_waits(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
-    count = int(waited(rows).sum())
-    if count:
+def _print_waits(console: Console, rows: Mapping[str, pd.DataFrame]) -> None:
+    """One line for all names, since what overloads a machine is seldom one agent's."""
+    counts = {name: int(waited(part).sum()) for name, part in rows.items()}
+    left_out = [f"{name} {n} of {len(rows[name])}" for name, n in counts.items() if n]
+    if left_out:
         console.print(
-            f"{cell.agent} in {cell.scenario}: inference_s leaves {count} of {len(rows)} episodes "
-            f"out, in which the process computed for less than {TRUSTED_SHARE:.0%} of its time in "
-            "act: the machine was overloaded, or the agent waits for something\n",
+            "inference_s leaves episodes out, in which the process computed for less than "
+            f"{TRUSTED_SHARE:.0%} of its time in act, as the machine was overloaded or the agent "
+            f"waits for something: {', '.join(left_out)}\n",
             style="yellow",
             markup=False,
             soft_wrap=True,

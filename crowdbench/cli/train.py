@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from crowdbench.cli.common import AddressOption, SetOption, UserError, err, out
+from crowdbench.cli.common import AddressOption, UserError, err, out
 from crowdbench.cli.trainers import RUNS, Trainer
 from crowdbench.messages import short
 from crowdbench.scenario import parse_overrides
@@ -52,7 +52,12 @@ def train(
         typer.Option(metavar="NAME", help="Where runs are trained: local or ray."),
     ] = "local",
     address: AddressOption = None,
-    overrides: SetOption = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Override a setting, e.g. training.batch=64."
+        ),
+    ] = None,
 ) -> None:
     """Train an agent.
 

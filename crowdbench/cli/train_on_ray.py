@@ -3,12 +3,14 @@
 A run is trained in a folder of its own there, and what it leaves is brought here: everything in its
 folder but what is in folders below it, as a replay is, and its curve. To be resumed it is sent the
 same. A node that dies costs the run that it was training, which Ray begins anew on another one.
+Where none is left, what has ended stays.
 """
 
 from __future__ import annotations
 
 import os
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +18,8 @@ from typing import Any
 
 from crowdbench.cli.common import UserError
 from crowdbench.cli.trainers import CURVES, RUNS, Trainer
-from crowdbench.evaluation.ray_cluster import connect, import_ray, reason_of
+from crowdbench.evaluation.executors import ExecutorError
+from crowdbench.evaluation.ray_cluster import LOOK, WITHOUT_NODES, connect, import_ray, reason_of
 
 Files = dict[str, bytes]
 
@@ -32,7 +35,7 @@ def train_on_ray(
         address: of the cluster; by default ``RAY_ADDRESS``, else Ray is started on this machine.
 
     Raises:
-        ExecutorError: Ray is missing, or there is no cluster.
+        ExecutorError: Ray is missing, there is no cluster, or it has lost all nodes.
         UserError: a run is in the way, or no node is large enough.
     """
     ray = import_ray()
@@ -47,18 +50,22 @@ def train_on_ray(
             "num_cpus": 1 + runs[0].get("actors", 0),
             "num_gpus": int(runs[0].get("device") == "cuda"),
         }
-        _require_room(ray, needed["num_cpus"])
+        _require_room(ray, **needed)
         there = ray.remote(**needed)(_train)
         release = version("crowdbench-nav")
         names = {
             there.remote(trainer, run, _files(Path(), run["name"]), release): run["name"]
             for run in runs
         }
+        room = time.monotonic()
         while names:
-            (ready, *_), _ = ray.wait(list(names))
-            name = names.pop(ready)
+            ready, _ = ray.wait(list(names), timeout=LOOK)
+            if not ready:
+                room = _watch_room(ray, room, **needed)
+                continue
+            name = names.pop(ready[0])
             try:
-                files, error = ray.get(ready)
+                files, error = ray.get(ready[0])
             except ray.exceptions.RayError as lost:
                 yield name, reason_of(lost)
                 continue
@@ -105,10 +112,36 @@ def _write(root: Path, files: Files) -> None:
         part.replace(path)
 
 
-def _require_room(ray: Any, processors: int) -> None:
-    largest = max((node["Resources"].get("CPU", 0) for node in ray.nodes()), default=0)
-    if largest < processors:
+def _require_room(ray: Any, num_cpus: int, num_gpus: int) -> None:
+    if not _has_room(ray, num_cpus, num_gpus):
+        more = (" and a GPU", " or --device cpu") if num_gpus else ("", "")
         raise UserError(
-            f"a run needs {processors} processors of one node, and the largest has {largest:g}; "
-            "use fewer --actors"
+            f"a run needs {num_cpus} processors{more[0]} of one node, and no node has that; "
+            f"use fewer --actors{more[1]}"
         )
+
+
+def _watch_room(ray: Any, last: float, num_cpus: int, num_gpus: int) -> float:
+    """When a run last had a node that it fits on, given when it had before.
+
+    Raises:
+        ExecutorError: that is too long ago.
+    """
+    now = time.monotonic()
+    if _has_room(ray, num_cpus, num_gpus):
+        return now
+    if now - last > WITHOUT_NODES:
+        raise ExecutorError(
+            f"the Ray cluster has had no node for a run for {WITHOUT_NODES:g} s; runs that have "
+            "ended are here, train the others again"
+        )
+    return last
+
+
+def _has_room(ray: Any, num_cpus: int, num_gpus: int) -> bool:
+    """Whether a node of the cluster is large enough for a run."""
+    return any(
+        node["Resources"].get("CPU", 0) >= num_cpus and node["Resources"].get("GPU", 0) >= num_gpus
+        for node in ray.nodes()
+        if node["Alive"]
+    )

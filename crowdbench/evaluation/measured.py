@@ -22,6 +22,18 @@ def definitions(names: Iterable[str]) -> dict[str, str]:
     return {name: METRICS[name].definition if name in METRICS else "" for name in names}
 
 
+def described(text: str) -> dict[str, str]:
+    """Definitions by the names of metrics, from their text in the database.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    found = json.loads(text)
+    if not isinstance(found, dict) or not all(isinstance(told, str) for told in found.values()):
+        raise ValueError("expected definitions by names")
+    return found
+
+
 def lacking(known: Iterable[str]) -> str:
     """What ``NOT_COMPUTED`` says of rows that were measured with the metrics ``known``."""
     from crowdbench.evaluation.metrics import METRICS

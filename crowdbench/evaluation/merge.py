@@ -8,7 +8,6 @@ machine"); else nothing is merged at all, since one of the two is wrong.
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -21,13 +20,14 @@ from crowdbench.evaluation.database import (
     CELL_IS,
     FILE,
     ResultsError,
+    Writer,
     open_for_writing,
     opened_for_reading,
     reported,
     require_writable,
     transaction,
 )
-from crowdbench.evaluation.measured import metric_set, quoted, write_metrics
+from crowdbench.evaluation.measured import described, metric_set, quoted, write_metrics
 from crowdbench.evaluation.results import Origin, latest_cells, load_results
 from crowdbench.messages import short
 from crowdbench.simulation import WORLD_VERSION
@@ -149,7 +149,7 @@ def _require_one_measurement(folders: Sequence[Path]) -> None:
 
 
 def _merge_cells(
-    connection: sqlite3.Connection,
+    connection: Writer,
     other: sqlite3.Connection,
     source: Path,
     merged: Merged,
@@ -169,8 +169,8 @@ def _merge_cells(
         (cell,) = connection.execute(f"SELECT id FROM cells {CELL_IS}", identity).fetchone()
         cells.add(cell)
         name = f"{facts[2]} in {facts[0]}"
-        there = dict(_episodes(connection, cell))
-        for seed, robots in _episodes(other, number):
+        there = dict(_episodes(connection, cell, connection.path.parent))
+        for seed, robots in _episodes(other, number, source):
             if seed not in there:
                 for row in robots.values():
                     _insert(connection, cell, row)
@@ -186,7 +186,9 @@ def _merge_cells(
     return cells
 
 
-def _episodes(connection: sqlite3.Connection, cell: int) -> Iterator[tuple[int, _Robots]]:
+def _episodes(
+    connection: sqlite3.Connection, cell: int, folder: Path
+) -> Iterator[tuple[int, _Robots]]:
     """The robots of each seed of a cell."""
     names = [row[1] for row in connection.execute("PRAGMA table_info(metrics)")][1:]
     columns = [f"e.{name}" for name in _FACTS] + ["definitions", "commands", "actions.inference_s"]
@@ -199,7 +201,10 @@ def _episodes(connection: sqlite3.Connection, cell: int) -> Iterator[tuple[int, 
     for seed, rows in groupby(connection.execute(query, (cell,)), lambda row: row[0]):
         robots = {}
         for row in rows:
-            defined = json.loads(row[end])
+            try:
+                defined = described(row[end])
+            except ValueError as error:
+                raise ResultsError(f"{folder / FILE}: damaged metrics ({error})") from error
             measured = dict(zip(names, row[end + 3 :], strict=True))
             robots[row[1]] = _Row(
                 dict(zip(_FACTS, row[:end], strict=True)),

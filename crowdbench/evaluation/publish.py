@@ -141,7 +141,7 @@ def _same_measurement(rows: pd.DataFrame, cell: Cell) -> bool:
 
 
 def _differences(old: pd.DataFrame, new: pd.DataFrame) -> tuple[int, dict[str, float]]:
-    """How many rows ended otherwise, and how far each metric differs at most."""
+    """How many episodes ended otherwise, and how far each metric differs at most."""
     names = [name for name in metric_columns(new.columns) if name in old and name != "source"]
     pairs = old.merge(new, on=["seed", "robot"], suffixes=("_old", "_new"))
     differences = {}
@@ -155,5 +155,5 @@ def _differences(old: pd.DataFrame, new: pd.DataFrame) -> tuple[int, dict[str, f
         )
         if len(relative) and relative.max() > 0:
             differences[name] = float(relative.max())
-    outcomes = int((pairs["outcome_old"] != pairs["outcome_new"]).sum())
-    return outcomes, differences
+    changed = pairs["outcome_old"] != pairs["outcome_new"]
+    return int(pairs.loc[changed, "seed"].nunique()), differences

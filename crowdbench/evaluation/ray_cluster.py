@@ -11,6 +11,11 @@ from typing import Any
 from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.machine import core_count
 
+WITHOUT_NODES = 60.0
+"""How long a command waits for a first or another node when there is none [s]."""
+LOOK = 2.0
+"""How often it is looked which nodes there are [s]."""
+
 _LOCAL = "local"
 """What stands for a Ray that is started on this machine alone."""
 _REACHED_WITHIN = 5.0

@@ -19,14 +19,10 @@ from crowdbench.evaluation.executors import Executor, ExecutorError, Reply
 from crowdbench.evaluation.parcel import Parcel
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import Lost, Message
-from crowdbench.evaluation.ray_cluster import connect, import_ray, reason_of
+from crowdbench.evaluation.ray_cluster import LOOK, WITHOUT_NODES, connect, import_ray, reason_of
 from crowdbench.evaluation.ray_node import Greeting, Node
 from crowdbench.evaluation.work import Work
 
-_WITHOUT_NODES = 60.0
-"""How long a run waits for a first or another node when there is none [s]."""
-_LOOK = 2.0
-"""How often it is looked which processors there are [s]."""
 _CLOSING = 10.0
 """How long workers may take to end their processes [s]."""
 _STILLBORN = 3
@@ -59,7 +55,7 @@ class RayExecutor(Executor):
         self._workers: list[_Worker] = []
         self._parcels: dict[str, Any] = {}
         self._stillborn = 0
-        self._processors, self._looked, self._last_seen = 0, -_LOOK, 0.0
+        self._processors, self._looked, self._last_seen = 0, -LOOK, 0.0
 
     def __enter__(self) -> RayExecutor:
         if not self._ray.is_initialized():
@@ -117,7 +113,7 @@ class RayExecutor(Executor):
 
     def _count_processors(self) -> int:
         now = time.monotonic()
-        if now - self._looked > _LOOK:
+        if now - self._looked > LOOK:
             self._processors = int(self._ray.cluster_resources().get("CPU", 0))
             self._looked = now
             if self._processors:
@@ -126,9 +122,9 @@ class RayExecutor(Executor):
 
     def _require_nodes(self) -> None:
         missing = time.monotonic() - self._last_seen
-        if not self._count_processors() and missing > _WITHOUT_NODES:
+        if not self._count_processors() and missing > WITHOUT_NODES:
             raise ExecutorError(
-                f"the Ray cluster has had no processors for {_WITHOUT_NODES:g} s; finished "
+                f"the Ray cluster has had no processors for {WITHOUT_NODES:g} s; finished "
                 "episodes are stored, and the same command goes on from there"
             )
 
@@ -154,7 +150,7 @@ class RayExecutor(Executor):
         if not owing:
             time.sleep(0.1)
             return []
-        self._ray.wait(list(owing), num_returns=1, timeout=_LOOK)
+        self._ray.wait(list(owing), num_returns=1, timeout=LOOK)
         ready, _ = self._ray.wait(list(owing), num_returns=len(owing), timeout=0)
         return [owing[one] for one in ready]
 

@@ -8,7 +8,6 @@ come out the same to the last bit. ``inference_s`` is what was timed and stays.
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,7 +23,7 @@ from crowdbench.evaluation.database import (
     transaction,
 )
 from crowdbench.evaluation.driven import unpacked
-from crowdbench.evaluation.measured import definitions, metric_set, quoted, write_metrics
+from crowdbench.evaluation.measured import definitions, described, metric_set, quoted, write_metrics
 from crowdbench.evaluation.remeasure import (
     CHUNK,
     Piece,
@@ -149,7 +148,7 @@ def _read(
         JOIN metric_sets ON metric_sets.id = metric_set
         WHERE e.cell = ? AND e.seed BETWEEN ? AND ? ORDER BY e.seed, length(e.robot), e.robot"""
     rows = []
-    for number, seed, described, *facts in connection.execute(query, (cell.number, first, last)):
+    for number, seed, told, *facts in connection.execute(query, (cell.number, first, last)):
         where = f"{path}: {cell.name}, seed {seed}"
         try:
             driven = unpacked(*facts[:7])
@@ -157,7 +156,7 @@ def _read(
             raise ResultsError(f"{where}: damaged commands ({error})") from error
         try:
             values = [math.nan if value is None else float(value) for value in facts[7:]]
-            defined = dict(json.loads(described))
+            defined = described(told)
         except (ValueError, TypeError) as error:
             raise ResultsError(f"{where}: damaged metrics ({error})") from error
         known = {

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from crowdbench.evaluation.measured import NOT_COMPUTED, lacking
 from crowdbench.evaluation.results import Cell, ResultsError, slug
-from crowdbench.messages import short
+from crowdbench.messages import brief, short
 from crowdbench.scenario import ScenarioError, load_scenario
 from crowdbench.simulation import WORLD_VERSION
 
@@ -56,7 +56,8 @@ _ADDED = ("source", NOT_COMPUTED)
 """Columns that rows have once they are read; no file has them."""
 _ARRAYS = ("seeds", "robots", "lengths", "commands", "inference")
 _DAMAGE = (
-    OSError, EOFError, ValueError, KeyError, OverflowError, zlib.error, zipfile.BadZipFile
+    OSError, EOFError, ValueError, KeyError, OverflowError, RuntimeError, zlib.error,
+    zipfile.BadZipFile,
 )  # fmt: skip
 
 
@@ -280,8 +281,7 @@ def _read_rows(path: Path) -> pd.DataFrame:
             raise ValueError(f"without {', '.join(missing) or 'rows'}")
         _require_one_cell(rows, path)
     except _DAMAGE as error:
-        reason = " ".join(str(error).split())
-        raise ResultsError(f"{path}: not rows of the record ({reason})") from error
+        raise ResultsError(f"{path}: not rows of the record ({brief(error)})") from error
     check_rows(rows, path)
     return rows.assign(**{NOT_COMPUTED: lacking(names)})
 
@@ -315,7 +315,7 @@ def _read_arrays(path: Path, cell: Cell) -> dict[str, NDArray[np.generic]] | Non
             arrays = {name: file[name] for name in _ARRAYS}
         Commands(arrays)
     except _DAMAGE as error:
-        raise ResultsError(f"{path}: not commands of the record ({error})") from error
+        raise ResultsError(f"{path}: not commands of the record ({brief(error)})") from error
     return arrays
 
 

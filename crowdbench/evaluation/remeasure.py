@@ -12,9 +12,11 @@ import signal
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.driven import Driven, ResimulationError, simulate
 from crowdbench.scenario import Scenario
 
@@ -92,16 +94,23 @@ def remeasure(pieces: Iterator[Piece[C, R]], jobs: int) -> Iterator[tuple[Piece[
         jobs: processes; 1 is this one.
 
     Raises:
+        ResultsError: a process was killed.
         MetricError, UnknownNameError: a metric that cannot be computed or loaded.
     """
-    for piece, measured in _measured(pieces, jobs):
-        yield (
-            piece,
-            [
-                _compared(piece.cell, seed, robots, values)
-                for (seed, robots), values in zip(piece.seeds, measured, strict=True)
-            ],
-        )
+    try:
+        for piece, measured in _measured(pieces, jobs):
+            yield (
+                piece,
+                [
+                    _compared(piece.cell, seed, robots, values)
+                    for (seed, robots), values in zip(piece.seeds, measured, strict=True)
+                ],
+            )
+    except BrokenProcessPool as error:
+        raise ResultsError(
+            "a process that simulates was killed from outside, or for want of memory; what was "
+            "written before is kept, and the same command does the rest"
+        ) from error
 
 
 _Values = list[dict[str, float]] | str

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from crowdbench.agent import Agent, AgentSpec, require_drive
 from crowdbench.evaluation.episode import Episode, Outcome, Source
 from crowdbench.evaluation.heartbeat import RESET
-from crowdbench.messages import describe_error, is_interrupt, plain_text
+from crowdbench.messages import describe_error, is_interrupt, plain_text, short
 from crowdbench.robot import Observation
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
@@ -169,18 +169,29 @@ def _act(
         action = agent.act(sensed)
         log.inference_s.append(time.perf_counter() - start)
         log.processor_s += time.process_time() - processor
-        # A copy: an agent may hand over the same array at every step.
-        array = np.array(action, dtype=np.float64)
+        array = _as_array(action)
+        if array is None:
+            log.fail(f"act returned {short(action)}, expected two numbers, e.g. v [m/s], w [rad/s]")
     except BaseException as error:
         log.fail(_described(error))
         return np.zeros(2)
     finally:
         on_call(None)
+    if array is None:
+        return np.zeros(2)
     if array.shape != (2,):
         log.fail(f"act returned shape {array.shape}, expected (2,), e.g. v [m/s], w [rad/s]")
     elif not np.isfinite(array).all():
         log.fail(f"act returned {array.tolist()}, expected finite numbers")
     return array if log.outcome is None else np.zeros(2)
+
+
+def _as_array(action: Any) -> NDArray[np.float64] | None:
+    """A copy, as an agent may hand over the same array at every step; None if it is no numbers."""
+    try:
+        return np.array(action, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def _described(error: BaseException) -> str:

@@ -6,7 +6,6 @@ episode was never measured with, since it is older than the metric: both are NaN
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +18,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from crowdbench.evaluation.database import ResultsError
-from crowdbench.evaluation.measured import NOT_COMPUTED, OUTCOMES, is_proportion, lacking, quoted
+from crowdbench.evaluation.measured import (
+    NOT_COMPUTED,
+    OUTCOMES,
+    described,
+    is_proportion,
+    lacking,
+    quoted,
+)
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.results import Cell, Origin
 from crowdbench.messages import short
@@ -132,7 +138,7 @@ def _unmeasured(connection: sqlite3.Connection, path: Path) -> dict[int, str]:
     """What ``NOT_COMPUTED`` says of the rows of each set of metrics, by the set's number."""
     sets = connection.execute("SELECT id, definitions FROM metric_sets")
     try:
-        return {number: lacking(json.loads(text)) for number, text in sets}
+        return {number: lacking(described(text)) for number, text in sets}
     except (ValueError, TypeError) as error:
         raise ResultsError(f"{path}: damaged metrics ({error})") from error
 

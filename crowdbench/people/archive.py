@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from crowdbench.messages import brief
 from crowdbench.people.cleaning import UNITS, Rows
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import FloatArray
@@ -22,8 +23,9 @@ from crowdbench.people.table import require_numbers, require_whole_end, whole
 PETRACK = {"id": 0, "frame": 1, "x": 2, "y": 3}
 """Where the columns of that text are; height or more may follow."""
 
-_LONGEST = 200
-"""Of what pedpy says of a file [characters]."""
+_DAMAGE = (
+    OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError
+)  # fmt: skip
 
 
 def read_petrack(path: Path, given: Stated) -> Rows:
@@ -34,16 +36,18 @@ def read_petrack(path: Path, given: Stated) -> Rows:
     """
     pedpy = _pedpy(path)
     require_whole_end(path)
-    unit, fps = settle(path, _petrack_header(path), given)
+    unit, fps = settle(path, petrack_header(path), given)
     assert unit is not None and fps is not None
     known = pedpy.TrajectoryUnit.CENTIMETER if unit == "cm" else pedpy.TrajectoryUnit.METER
     try:
         data = pedpy.load_trajectory(
             trajectory_file=path, default_frame_rate=fps, default_unit=known
         )
+    except OverflowError as error:
+        raise RecordingError(f"{path}: an id or frame is 2^63 or more") from error
     except (ValueError, TypeError) as error:
         require_numbers(path, PETRACK, None)
-        raise RecordingError(f"{path}: {error}") from error
+        raise RecordingError(f"{path}: {brief(error)}") from error
     table = data.data[["id", "frame", "x", "y"]]
     if table[["x", "y"]].isna().to_numpy().any():
         require_numbers(path, PETRACK, None)
@@ -52,7 +56,8 @@ def read_petrack(path: Path, given: Stated) -> Rows:
     return _rows(path, f"PeTrack text in {unit}", table, float(data.frame_rate), (), unit)
 
 
-def _petrack_header(path: Path) -> Stated:
+def petrack_header(path: Path) -> Stated:
+    """What the comments say that such a text begins with."""
     unit = fps = None
     with path.open(encoding="utf-8-sig") as file:
         for line in file:
@@ -122,9 +127,8 @@ def _binary(
         data = load(trajectory_file=path)
         area, fps = walls(), float(data.frame_rate)
         table = data.data[["id", "frame", "x", "y"]].astype("float64")
-    except (PedPyError, OSError, LookupError, ValueError, TypeError, AttributeError) as error:
-        told = " ".join(str(error).split())
-        told = told if len(told) <= _LONGEST else f"{told[: _LONGEST - 3]}..."
+    except (PedPyError, *_DAMAGE) as error:
+        told = brief(error)
         raise RecordingError(f"{path}: {kind} that pedpy cannot read: {told}") from error
     settle(path, Stated("m", fps), given)
     lines = () if area is None else _lines(area.polygon)

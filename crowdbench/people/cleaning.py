@@ -157,7 +157,7 @@ def _require_plausible(path: Path, recording: CrowdRecording, unit: str) -> None
         return
     others = {name: typical * UNITS[unit] / scale for name, scale in UNITS.items() if name != unit}
     meant = [
-        f"in {name} it would be {_plain(speed)} m/s (--unit {name})"
+        f"in {name} it would be {_plain(speed)} m/s (unit: {name})"
         for name, speed in others.items()
         if 0.1 < speed < 4
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from crowdbench.messages import brief
 from crowdbench.people.cleaning import UNITS, clean
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import CrowdRecording
@@ -40,16 +41,16 @@ def read_recording(
         raise RecordingError(f"unit {unit!r}: has to be one of {', '.join(UNITS)}")
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise RecordingError(f"fps {fps:g}: has to be a number above 0")
-    if path.exists() and not path.is_file():
-        raise RecordingError(f"{path}: not a file")
     try:
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"{path}: not a file")
         with path.open("rb") as file:
             head = file.read(_HEAD)
         return _read(path, head, Stated(unit, fps))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: not text in UTF-8 ({error})") from error
+        raise RecordingError(f"{path}: not text in UTF-8 ({brief(error)})") from error
 
 
 def _read(path: Path, head: bytes, given: Stated) -> CrowdRecording:
@@ -69,7 +70,8 @@ def _read(path: Path, head: bytes, given: Stated) -> CrowdRecording:
     columns = count_numbers(first)
     if first.startswith("{"):
         return clean(path, text.read_trajnet(path, given))
-    if columns == len(text.OBSMAT):
+    # PeTrack may write as many, and says what they are.
+    if columns == len(text.OBSMAT) and archive.petrack_header(path) == Stated(None, None):
         return clean(path, text.read_obsmat(path, given))
     if columns >= len(archive.PETRACK):
         return clean(path, archive.read_petrack(path, given))

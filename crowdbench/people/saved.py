@@ -9,14 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench.messages import brief
 from crowdbench.people.errors import RecordingError
-from crowdbench.people.recording import CrowdRecording
+from crowdbench.people.recording import CrowdRecording, IntArray
 from crowdbench.people.stated import Stated, settle
 
-_ARRAYS = {"people": "i", "starts": "i", "times": "f", "frames": "i", "positions": "f"}
-_ARRAYS |= {"interpolated": "b", "name": "U", "kind": "U"}
-_ARRAYS |= {"period": "f", "wall_points": "f", "wall_starts": "i"}
-"""What is in the file, and of which kind each is."""
+_ARRAYS = {"people": "i1", "starts": "i1", "times": "f1", "frames": "i1", "positions": "f2"}
+_ARRAYS |= {"interpolated": "b1", "name": "U0", "kind": "U0", "period": "f0"}
+_ARRAYS |= {"wall_points": "f2", "wall_starts": "i1"}
+"""What is in the file, of which kind each is, and how many dimensions it has."""
+_DAMAGE = (
+    OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile
+)  # fmt: skip
 
 
 def save(recording: CrowdRecording, path: Path) -> None:
@@ -47,14 +51,14 @@ def load(path: Path, given: Stated) -> CrowdRecording:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in _ARRAYS}
-    except (ValueError, EOFError, KeyError, OSError, zipfile.BadZipFile, zlib.error) as error:
-        told = " ".join(str(error).split())
+    except _DAMAGE as error:
         raise RecordingError(
-            f"{path}: damaged, or not from `crowdbench people --save` ({told})"
+            f"{path}: damaged, or not from `crowdbench people --save` ({brief(error)})"
         ) from error
-    wall_points, wall_starts = arrays.pop("wall_points"), arrays.pop("wall_starts")
-    if any(array.dtype.kind != _ARRAYS[name] for name, array in arrays.items()):
+    if any(f"{array.dtype.kind}{array.ndim}" != _ARRAYS[name] for name, array in arrays.items()):
         raise RecordingError(f"{path}: not from `crowdbench people --save`")
+    _require_consistent(path, arrays)
+    wall_points, wall_starts = arrays.pop("wall_points"), arrays.pop("wall_starts")
     recording = CrowdRecording(
         name=str(arrays.pop("name")),
         kind=str(arrays.pop("kind")),
@@ -62,25 +66,31 @@ def load(path: Path, given: Stated) -> CrowdRecording:
         walls=tuple(np.split(wall_points, wall_starts[1:-1])) if len(wall_points) else (),
         **arrays,
     )
-    _require_consistent(path, recording)
     settle(path, Stated("m", 1 / recording.period), given)
     return recording
 
 
-def _require_consistent(path: Path, recording: CrowdRecording) -> None:
-    rows, tracks = len(recording.times), len(recording.people)
+def _require_consistent(path: Path, arrays: dict[str, Any]) -> None:
+    rows, times = len(arrays["times"]), arrays["times"]
+    positions, points = arrays["positions"], arrays["wall_points"]
     shapes = [
-        recording.starts.shape == (tracks + 1,),
-        recording.positions.shape == (rows, 2),
-        recording.frames.shape == recording.interpolated.shape == recording.times.shape == (rows,),
+        arrays["starts"].shape == (len(arrays["people"]) + 1,),
+        positions.shape == (rows, 2),
+        len(arrays["frames"]) == len(arrays["interpolated"]) == rows,
+        points.shape[1] == 2,
     ]
-    right = all(shapes) and tracks > 0 and recording.period > 0
+    right = all(shapes) and len(arrays["people"]) > 0 and bool(arrays["period"] > 0)
+    right = right and _divides(arrays["starts"], rows)
+    right = right and (_divides(arrays["wall_starts"], len(points)) or not len(points))
     if right:
-        starts = recording.starts
-        right = starts[0] == 0 and starts[-1] == rows and bool((np.diff(starts) > 1).all())
-    if right:
-        later = np.diff(recording.times) > 0
-        later[recording.starts[1:-1] - 1] = True
-        right = bool(later.all()) and bool(np.isfinite(recording.positions).all())
+        later = np.diff(times) > 0
+        later[arrays["starts"][1:-1] - 1] = True
+        right = bool(later.all()) and all(np.isfinite(a).all() for a in (times, positions, points))
     if not right:
         raise RecordingError(f"{path}: its arrays do not fit together")
+
+
+def _divides(starts: IntArray, rows: int) -> bool:
+    """Whether parts that begin there are two rows or more, all together."""
+    ends = len(starts) > 1 and starts[0] == 0 and starts[-1] == rows
+    return bool(ends and (np.diff(starts) > 1).all())

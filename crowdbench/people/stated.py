@@ -41,18 +41,18 @@ def settle(path: Path, said: Stated, given: Stated, fps_too: tuple[float, ...] =
     if None not in (said.unit, given.unit) and said.unit != given.unit:
         raise RecordingError(
             f"{path}: it has positions in {said.unit}, and {given.unit} is given; correct what is "
-            "wrong, the file or --unit"
+            "wrong, the file or unit"
         )
     rates = () if said.fps is None else (said.fps, *fps_too)
     if given.fps is not None and rates and not any(_same(given.fps, rate) for rate in rates):
         raise RecordingError(
             f"{path}: it has {' or '.join(f'{rate:g}' for rate in rates)} frames a second, and "
-            f"{given.fps:g} is given; correct what is wrong, the file or --fps"
+            f"{given.fps:g} is given; correct what is wrong, the file or fps"
         )
     unit, fps = said.unit or given.unit, said.fps or given.fps
     questions = [
-        *(["in which unit its positions are (--unit m, cm or mm)"] if unit is None else []),
-        *(["how many frames a second it has (e.g. --fps 25)"] if fps is None else []),
+        *(["in which unit its positions are (unit: m, cm or mm)"] if unit is None else []),
+        *(["how many frames a second it has (fps: e.g. 25)"] if fps is None else []),
     ]
     if questions:
         raise RecordingError(f"{path}: does not say {', nor '.join(questions)}; please do")

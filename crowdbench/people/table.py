@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from crowdbench.messages import short
+from crowdbench.messages import brief, short
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import IntArray
 
@@ -69,7 +69,7 @@ def read_numbers(path: Path, places: Mapping[str, int], separator: str | None) -
         raise
     except ValueError as error:
         require_numbers(path, places, separator)
-        raise RecordingError(f"{path}: {error}") from error
+        raise RecordingError(f"{path}: {brief(error)}") from error
     if not np.isfinite(table.to_numpy()).all():
         require_numbers(path, places, separator)
     return table

@@ -73,7 +73,7 @@ def read_trajnet(path: Path, given: Stated) -> Rows:
                 tracks.append(tuple(float(track[key]) for key in ("p", "f", "x", "y")))
             elif "fps" in entry["scene"]:
                 rates.add(float(entry["scene"]["fps"]))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(
                 f"{path}: line {number}: expected a track with p, f, x, y or a scene, as TrajNet++ "
                 f"has them, not {short(line)}"
@@ -100,7 +100,7 @@ def read_csv(path: Path, given: Stated) -> Rows:
     # Times say what a frame rate would, so that none is asked for.
     timed = "time" in places
     if timed and given.fps is not None:
-        raise RecordingError(f"{path}: it has times, so no --fps can be given")
+        raise RecordingError(f"{path}: it has times, so no fps can be given")
     fps = 1.0 if timed else None
     unit, fps = settle(path, Stated(units.pop() if units else None, fps), given)
     assert unit is not None and fps is not None
@@ -150,6 +150,7 @@ def _step(table: pd.DataFrame) -> float:
     """Between the numbers of two frames in which somebody is seen, as a rule."""
     table = table.sort_values(["id", "frame"])
     steps = np.diff(table["frame"])[np.diff(table["id"]) == 0]
+    steps = steps[steps > 0]  # an id that is there twice is refused later, by its frame
     return float(np.median(steps)) if len(steps) else 1.0
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from crowdbench.scenario.streams import stream_sizes
+
 if TYPE_CHECKING:
     from crowdbench.scenario.model import Scenario
 
@@ -25,6 +27,11 @@ def _too_many(scenario: Scenario) -> str:
             f"allowed: {people.count} (pedestrians.count)"
         )
     left = people.count - queueing
+    if (walking := sum(stream_sizes(scenario))) > left:
+        return (
+            f"pedestrians.streams: the shares take {walking} of pedestrians.count {people.count} "
+            f"people, but queues leave {left}; allowed: {left / people.count:.3g} in all"
+        )
     for field, share, others in (
         ("standing", people.standing, "queues"),
         ("groups.share", people.groups.share, "queues and standing people"),

@@ -63,6 +63,12 @@ def read_map(path: Path) -> dict[str, Any]:
     negate = document.get("negate", 0)
     if isinstance(negate, bool) or negate not in (0, 1):
         raise ValueError(f"{place}: negate: {short(negate)}; allowed: 0 or 1")
+    mode = document.get("mode", "trinary")
+    if mode not in ("trinary", "scale"):
+        raise ValueError(
+            f"{place}: mode: {short(mode)}; allowed: trinary or scale, in which what is solid is "
+            "darker than occupied_thresh"
+        )
     x, y = _origin(document.get("origin", [0, 0, 0]), place)
     image = document.get("image")
     if not isinstance(image, str):

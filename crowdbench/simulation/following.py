@@ -30,10 +30,9 @@ from crowdbench.simulation.pedestrians import (
     look,
 )
 from crowdbench.simulation.routes import Regions
+from crowdbench.simulation.vacancy import may_enter
 from crowdbench.simulation.ways import SQUEEZED, Network, lengths_to, next_point
 
-ENTRY_GAP = 0.1
-"""Least gap to others with which a person enters [m]."""
 PLACE = 3
 """Numbers that a place takes of a leg's draws."""
 _TRIES, _FREE_TRIES = 3, 10
@@ -117,7 +116,10 @@ def follow(
             enters = False
             if leaves or walk.waiting > 0:
                 walk.waiting += 1
-                enters = _may_enter(p, world, robots[lane], people[lane], walk, around, regions)
+                # Where its leg begins, then, if it has to wait, other places there in turn.
+                entry = walk.entries[(walk.waiting - 1) % ENTRIES]
+                x, y = entry[0], entry[1]
+                enters = may_enter(p, x, y, world, robots[lane], people[lane], around, 0.0)
             if enters:
                 _enter(person, walk, calls)
                 _set_out(person, walk, world.time, network)
@@ -305,29 +307,6 @@ def _plan(x, y, walk, network):  # type: ignore[no-untyped-def]
         walk.whole = nx == to_x and ny == to_y
         x, y = nx, ny
     return total
-
-
-@compiled()
-def _may_enter(p, world, robots, people, walk, obstacles, regions):  # type: ignore[no-untyped-def]
-    """Whether nobody and nothing is where a person wants to enter now.
-
-    That is where its leg begins, then, if it has to wait, other places there in turn.
-    """
-    k = (walk.waiting - 1) % ENTRIES
-    x, y, radius = walk.entries[k, 0], walk.entries[k, 1], people[p].radius
-    for q in range(world.people):
-        dx, dy = people[q].position[0] - x, people[q].position[1] - y
-        if q != p and math.sqrt(dx * dx + dy * dy) < radius + people[q].radius + ENTRY_GAP:
-            return False
-    for r in range(len(robots)):
-        dx, dy = robots[r].pose[0] - x, robots[r].pose[1] - y
-        if robots[r].active and math.sqrt(dx * dx + dy * dy) < radius + regions.robot_gap:
-            return False
-    for o in range(len(obstacles)):
-        dx, dy = obstacles[o, 0] - x, obstacles[o, 1] - y
-        if math.sqrt(dx * dx + dy * dy) < radius + obstacles[o, 2]:
-            return False
-    return True
 
 
 @compiled()

@@ -81,14 +81,21 @@ class Ground:
         """Where a disc fits wherever in the cell its centre is."""
         return self.gap >= radius + _HALF_DIAGONAL * self.side
 
-    def connected(self, radius: float) -> NDArray[np.int32]:
+    def connected(
+        self, radius: float, discs: NDArray[np.float64] | None = None
+    ) -> NDArray[np.int32]:
         """The same number in all cells between which a disc can move, 0 where it does not fit.
 
-        A passage counts as wide enough if it is so but for a cell's side.
+        A passage counts as wide enough if it is so but for a cell's side. Some ``discs`` (N, 3)
+        x, y, radius [m] may be in the way.
         """
         from scipy import ndimage  # here, since few scenarios have regions
 
-        labels, _ = ndimage.label(self.gap >= radius)
+        free = self.gap >= radius
+        for x, y, around in () if discs is None else discs.tolist():
+            dx, dy = self._x - x, (self._y - y)[:, None]
+            free &= np.sqrt(dx * dx + dy * dy) - around >= radius
+        labels, _ = ndimage.label(free)
         return np.asarray(labels, dtype=np.int32)
 
     def within(self, region: Region) -> Mask:

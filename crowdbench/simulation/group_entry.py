@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from crowdbench.compiled import compiled
 from crowdbench.simulation.chipmunk import SET_POSITION, set_vector
 from crowdbench.simulation.groups import crosses
+from crowdbench.simulation.vacancy import ENTRY_GAP, may_enter
 
 _GAP = 0.1
-"""To people, obstacles and walls, surfaces [m]."""
+"""To obstacles and walls, surfaces [m]."""
 _RINGS, _AROUND = 3, 12
 """Places that are tried around the first one."""
 
@@ -72,7 +73,7 @@ def _room_beside(p, q, world, robots, people, obstacles, walls):  # type: ignore
     """The nearest place beside person ``p`` that is free for person ``q``: (found, x, y)."""
     radius = people[q].radius
     from_x, from_y = people[p].position[0], people[p].position[1]
-    closest = radius + people[p].radius + _GAP
+    closest = radius + people[p].radius + ENTRY_GAP
     for k in range(_RINGS * _AROUND):
         distance = closest * (1 + k // _AROUND) + 0.01
         angle = 2 * math.pi * (k % _AROUND) / _AROUND
@@ -81,28 +82,11 @@ def _room_beside(p, q, world, robots, people, obstacles, walls):  # type: ignore
             continue
         if abs(y - world.centre[1]) > world.half_width:
             continue
-        if _is_free(x, y, radius, q, world, robots, people, obstacles) and _is_open(
+        if may_enter(q, x, y, world, robots, people, obstacles, _GAP) and _is_open(
             people[p].position, x, y, radius, walls
         ):
             return True, x, y
     return False, 0.0, 0.0
-
-
-@compiled()
-def _is_free(x, y, radius, q, world, robots, people, obstacles):  # type: ignore[no-untyped-def]
-    for other in range(world.people):
-        dx, dy = people[other].position[0] - x, people[other].position[1] - y
-        if other != q and math.sqrt(dx * dx + dy * dy) < radius + people[other].radius + _GAP:
-            return False
-    for r in range(len(robots)):
-        dx, dy = robots[r].pose[0] - x, robots[r].pose[1] - y
-        if robots[r].active and math.sqrt(dx * dx + dy * dy) < radius + world.entry_gap:
-            return False
-    for o in range(len(obstacles)):
-        dx, dy = obstacles[o, 0] - x, obstacles[o, 1] - y
-        if math.sqrt(dx * dx + dy * dy) < radius + obstacles[o, 2] + _GAP:
-            return False
-    return True
 
 
 @compiled()

@@ -44,7 +44,8 @@ class Guidance:
         found = [places_of(scenario) for scenario in scenarios]
         most = max((len(places.ways.network.nodes) for places in found if places), default=0)
         robots = scenarios[0].robots.count
-        self._places: list[Places | None] = [None] * lanes
+        self._places = [places for places in found if places and _leads(places)]
+        self._which = np.full(lanes, -1)  # of these, -1 for none
         self._lengths = np.empty((lanes, robots, most))
         self.remaining = np.zeros((lanes, robots))
         self._before = np.zeros((lanes, robots))
@@ -57,10 +58,10 @@ class Guidance:
             places: of its scenario.
             robots: (L, R) records ROBOT, where the episode begins.
         """
-        on_map = places is not None and places.scenario.arena.kind == "map"
-        self._places[lane] = places if on_map else None
-        if places is None or not on_map:
+        self._which[lane] = -1
+        if places is None or not _leads(places):
             return
+        self._which[lane] = [one.scenario is places.scenario for one in self._places].index(True)
         _find_lengths(lane, robots, self._lengths, places.ways.network)
         first = np.array([lane])
         _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *_arrays(places))
@@ -78,12 +79,14 @@ class Guidance:
 
     def _groups(self, lanes: Lanes) -> list[tuple[Places, Lanes]]:
         """Lanes with paths, by what they share."""
-        found: dict[int, tuple[Places, list[int]]] = {}
-        for lane in lanes.tolist():
-            places = self._places[lane]
-            if places is not None:
-                found.setdefault(id(places), (places, []))[1].append(lane)
-        return [(places, np.array(which)) for places, which in found.values()]
+        which = self._which[lanes]
+        found = set(which.tolist()) - {-1}
+        return [(self._places[i], lanes[which == i]) for i in sorted(found)]
+
+
+def _leads(places: Places) -> bool:
+    """Whether robots are led along paths, and not only placed by them."""
+    return places.scenario.arena.kind == "map"
 
 
 _UNSEEN = np.empty((0, 0, 0), dtype=np.float32)

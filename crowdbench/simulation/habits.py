@@ -179,22 +179,20 @@ AFTER_CHOICE: Sequence[Habit] = (
 class HabitLanes:
     """In which lanes there is which habit."""
 
-    def __init__(self) -> None:
+    def __init__(self, lanes: int) -> None:
         """No lane has any."""
-        self._lanes = {habit: set[int]() for habit in (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)}
-        self._none = True
+        habits = (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)
+        self._has = {habit: np.zeros(lanes, dtype=np.bool_) for habit in habits}
+        self._found: set[Habit] = set()
 
     def note(self, lane: int, people: Pedestrians) -> None:
         """Take note of what a lane has from now on."""
-        for habit, lanes in self._lanes.items():
-            (lanes.add if habit.has(people) else lanes.discard)(lane)
-        self._none = not any(self._lanes.values())
+        for habit, has in self._has.items():
+            has[lane] = habit.has(people)
+            (self._found.add if has.any() else self._found.discard)(habit)
 
     def act(self, habits: Sequence[Habit], lanes: Lanes, state: State) -> None:
         """Do what is to be done in those of the lanes that have these habits."""
-        if self._none:
-            return
-        chosen = lanes.tolist()
         for habit in habits:
-            if having := self._lanes[habit].intersection(chosen):
-                habit.act(np.array(sorted(having)), state)
+            if habit in self._found and len(having := lanes[self._has[habit][lanes]]):
+                habit.act(having, state)

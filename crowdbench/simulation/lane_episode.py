@@ -25,7 +25,6 @@ class Prepared(NamedTuple):
     drive: Drive
     world: NDArray[np.void]
     corners: list[tuple[float, float]]
-    noisy: bool
     drifts: bool
     places: Places | None
     routes: Routes | None
@@ -42,7 +41,6 @@ class Episode:
         bodies: what Chipmunk moves.
         model: how pedestrians walk.
         streams: of the pedestrians' legs.
-        noise: of the robots' LiDARs, where these are noisy.
         odometry: of the robots, where it drifts.
     """
 
@@ -52,5 +50,4 @@ class Episode:
     bodies: Bodies
     model: WalkingModel
     streams: list[np.random.Generator]
-    noise: list[np.random.Generator]
     odometry: list[DriftingOdometry]

@@ -25,6 +25,7 @@ from crowdbench.simulation.map_layout import (
 from crowdbench.simulation.routes import Routes
 from crowdbench.simulation.spreading import spread
 from crowdbench.simulation.traits import Traits, draw_traits, places_in_line
+from crowdbench.simulation.vacancy import is_off_discs
 from crowdbench.simulation.walls import walls_of
 
 if TYPE_CHECKING:
@@ -166,6 +167,9 @@ def _attempt(
         raise CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
     position = np.empty((people.count, 2))
     position[: len(lines)], position[order] = lines, taken[fixed:, :2]
+    if places is not None and traits.standing.any():
+        standing = np.column_stack([position, traits.radius])[traits.standing]
+        places.check_ways(pose, goal, standing)
     reactive = np.zeros(people.count, dtype=np.bool_)
     reactive[rng.permutation(people.count)[: round(people.reactive * people.count)]] = True
     walls = walls_of(scenario) if places is None else places.walls
@@ -324,11 +328,7 @@ def _fill(
         for k in range(draws.shape[1] // 2):
             x = 2.0 * half[0] * draws[batch, 2 * k] - half[0]
             y = 2.0 * half[1] * draws[batch, 2 * k + 1] - half[1]
-            free = True
-            for i in range(last):
-                dx, dy = x - discs[i, 0], y - discs[i, 1]
-                free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
-            if free:
+            if is_off_discs(x, y, discs, last):
                 discs[last, 0], discs[last, 1] = x, y
                 placed += 1
                 failures = 0

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import Point
 from crowdbench.scenario.room import passage, robot_radius
 from crowdbench.simulation.ground import Ground, Mask, Spots
+from crowdbench.simulation.vacancy import is_off_discs
 from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.ways import Ways
 
@@ -116,6 +119,39 @@ class Places:
         """
         return _place_discs(rng, self.people, discs, fixed)
 
+    def check_ways(
+        self,
+        poses: NDArray[np.float64],
+        goals: NDArray[np.float64],
+        standing: NDArray[np.float64],
+    ) -> None:
+        """See that robots and streams get past people who stand.
+
+        Args:
+            poses, goals: of the robots, (R, 3) and (R, 2) [m, rad].
+            standing: (N, 3) x, y, radius [m].
+
+        Raises:
+            NoPlaceError: somebody shuts one of them in.
+        """
+        areas = self.ground.connected(robot_clearance(self.scenario), standing)
+        for start, goal in zip(poses[:, :2].tolist(), goals.tolist(), strict=True):
+            if not _are_joined(areas, self.ground.at(tuple(start)), self.ground.at(tuple(goal))):
+                raise NoPlaceError("standing people shut a robot in")
+        areas = self.ground.connected(self.scenario.pedestrians.radii[1], standing)
+        for stops in self._stops:
+            if not all(_are_joined(areas, *ends) for ends in itertools.pairwise(stops)):
+                raise NoPlaceError("standing people shut a stream in")
+
+    @cached_property
+    def _stops(self) -> list[list[Mask]]:
+        """Cells of the regions on the way of each stream."""
+        regions = self.scenario.arena.regions
+        return [
+            [self.ground.within(regions[name]) for name in (one.start, *one.via, one.goal)]
+            for one in self.scenario.pedestrians.streams
+        ]
+
     def are_beside(
         self, place: NDArray[np.float64], others: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
@@ -129,6 +165,12 @@ class Places:
         side = _cross(to, first) * _cross(to, last)
         along = _cross(last - first, -first) * _cross(last - first, to - first)
         return free & ~((side <= 0) & (along <= 0)).any(axis=1)
+
+
+def _are_joined(areas: NDArray[np.int32], some: Mask, others: Mask) -> bool:
+    """Whether a way leads from one of some cells to one of others."""
+    shared = np.intersect1d(areas[some], areas[others])
+    return bool((shared > 0).any())
 
 
 def robot_clearance(scenario: Scenario) -> float:
@@ -291,11 +333,7 @@ def _fill(
             which = int(draws[batch, 3 * k] * len(corner))
             x = corner[which, 0] + side * draws[batch, 3 * k + 1]
             y = corner[which, 1] + side * draws[batch, 3 * k + 2]
-            free = True
-            for i in range(last):
-                dx, dy = x - discs[i, 0], y - discs[i, 1]
-                free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
-            if free:
+            if is_off_discs(x, y, discs, last):
                 discs[last, 0], discs[last, 1] = x, y
                 placed += 1
                 failures = 0

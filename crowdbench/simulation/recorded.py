@@ -60,7 +60,8 @@ class Tracks:
             period: of control [s].
             rows: P, for at least as many as are there in that time; the others are never there.
         """
-        steps = round((duration + AHEAD) / period) + 1
+        # Not one more where periods do not add up to it: rows are counted for that time.
+        steps = math.floor((duration + AHEAD) / period + 1e-9) + 1
         position = np.full((steps, rows, 2), np.nan)
         row_of: dict[int, int] = {}
         for step in range(steps):

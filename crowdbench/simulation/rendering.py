@@ -7,9 +7,10 @@ ones, and those who look away, are rings.
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -283,26 +284,39 @@ def _draw_static(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
 def _present(state: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """What is known of the pedestrians who are there."""
     there = np.isfinite(state["pedestrian_position"][:, 0])
-    names = ("position", "velocity", "goal", "radius", "reactive", "attentive", "group")
+    names = ("position", "velocity", "way", "goal", "radius", "reactive", "attentive", "group")
     return {f"pedestrian_{name}": state[f"pedestrian_{name}"][there] for name in names}
 
 
 def _draw_pedestrian_goals(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:
-    """A faint cross where each pedestrian is going, on a faint line towards it."""
-    for position, goal, reactive in zip(
+    """A faint cross where each pedestrian is going, and faint dots along what is known of its way.
+
+    That is the way to the goal, or to the next region that it passes.
+    """
+    for position, way, goal, reactive in zip(
         state["pedestrian_position"],
+        state["pedestrian_way"],
         state["pedestrian_goal"],
         _sees(state),
         strict=True,
     ):
         color = _mix(WHITE, REACTIVE if reactive else NONREACTIVE, 0.3)
-        gap = np.hypot(*(goal - position))
-        for start in np.arange(0.0, gap, 0.3):
-            ends = [min(start, gap) / max(gap, 1e-9), min(start + 0.06, gap) / max(gap, 1e-9)]
-            first, last = (position + share * (goal - position) for share in ends)
+        for first, last in _dots(np.vstack([position, way])):
             brush.line(first, last, 0.02, color)
         for diagonal in (np.array([0.1, 0.1]), np.array([0.1, -0.1])):
             brush.line(goal - diagonal, goal + diagonal, 0.035, color)
+
+
+def _dots(line: NDArray[np.float64]) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Ends of short strokes, evenly spaced along a line (N, 2) [m]."""
+    along = 0.0  # from the beginning of a part of the line to the next stroke
+    for begin, end in itertools.pairwise(line):
+        gap = float(np.hypot(*(end - begin)))
+        while along < gap:
+            ends = along / gap, min(along + 0.06, gap) / gap
+            yield begin + ends[0] * (end - begin), begin + ends[1] * (end - begin)
+            along += 0.3
+        along -= gap
 
 
 def _draw_groups(brush: Brush, state: Mapping[str, NDArray[Any]]) -> None:

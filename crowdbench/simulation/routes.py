@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import corners
-from crowdbench.scenario.room import robot_radius
 from crowdbench.scenario.streams import MOST_VIA, Stream, stream_sizes
 from crowdbench.simulation.ground import Ground, Mask
 from crowdbench.simulation.walls import walls_of
@@ -44,7 +43,6 @@ class Regions(NamedTuple):
         tables: (T + 1, 2) where in ``corner`` and in ``outline`` each table begins.
         streams: (N, 4 + MOST_VIA) connected area of each, number of its stops, table of its start,
             tables of its stops: regions on the way, then the goal.
-        robot_gap: least distance from a robot's centre to the surface of who enters [m].
     """
 
     corner: Reals
@@ -52,7 +50,6 @@ class Regions(NamedTuple):
     outline: Reals
     tables: Wholes
     streams: Wholes
-    robot_gap: float
 
 
 class Routes(NamedTuple):
@@ -136,7 +133,6 @@ def _routes(same: _Same) -> Routes:
             outline=np.concatenate(outlines),
             tables=np.column_stack(begins),
             streams=streams,
-            robot_gap=robot_radius(scenario.robots) + people.spawn_clearance,
         ),
         member=_members(scenario),
     )

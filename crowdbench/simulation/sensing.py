@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from crowdbench.compiled import compiled
 from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario
+from crowdbench.simulation import streams
 from crowdbench.simulation.kinematics import make_drive, poses_ahead
 from crowdbench.simulation.lanes import PROPRIOCEPTION
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
@@ -123,15 +124,46 @@ def _proprioception(
     out[6] = (pose[2] - origin[2] + math.pi) % (2 * math.pi) - math.pi
 
 
-def add_noise(scan: NDArray[np.float32], scenario: Scenario, noise: np.random.Generator) -> None:
-    """Give a scan the noise and dropout of the scenario's LiDAR."""
-    lidar = scenario.lidar
-    if lidar.noise > 0.0:
-        noisy = scan + noise.normal(0.0, lidar.noise, len(scan))
+class ScanNoise:
+    """Noise and dropout of the LiDARs in many lanes, of every robot from a generator of its own."""
+
+    def __init__(self, lanes: int, largest: float) -> None:
+        """No lane has any yet; scans say ``largest`` [m] where nothing is hit."""
+        self._largest = largest
+        self._noise, self._dropout = np.zeros((2, lanes))
+        self._noisy = np.zeros(lanes, dtype=np.bool_)
+        self._generators: list[list[np.random.Generator]] = [[] for _ in range(lanes)]
+
+    def begin(self, lane: int, scenario: Scenario, seed: int) -> None:
+        """Begin an episode in a lane."""
+        lidar = scenario.lidar
+        self._noise[lane], self._dropout[lane] = lidar.noise, lidar.dropout
+        self._noisy[lane] = lidar.noise > 0.0 or lidar.dropout > 0.0
+        robots = scenario.robots.count if self._noisy[lane] else 0
+        self._generators[lane] = [streams.lidar(seed, r) for r in range(robots)]
+
+    def add(
+        self, lanes: NDArray[np.int64], seen: NDArray[np.float32], active: NDArray[np.bool_]
+    ) -> None:
+        """Change what active robots (L, R) in lanes (M,) have seen, see ``State``."""
+        if not self._noisy[lanes].any():
+            return
+        rows, robots = np.nonzero(active[lanes] & self._noisy[lanes, None])
+        which = lanes[rows]
+        scans = seen[which, robots, PROPRIOCEPTION:]
+        noise, dropout = self._noise[which], self._dropout[which]
+        normal, uniform = np.zeros((2, *scans.shape))
+        each = zip(which.tolist(), robots.tolist(), strict=True)
+        drawing = [self._generators[lane][r] for lane, r in each]
+        for i in np.flatnonzero(noise > 0.0).tolist():
+            drawing[i].standard_normal(out=normal[i])
+        for i in np.flatnonzero(dropout > 0.0).tolist():
+            drawing[i].random(out=uniform[i])
+        noisy = np.clip(scans + noise[:, None] * normal, 0.0, self._largest)
         # A beam that hits nothing has nothing to be noisy about.
-        scan[:] = np.where(scan < lidar.range, np.clip(noisy, 0.0, lidar.range), scan)
-    if lidar.dropout > 0.0:
-        scan[noise.random(len(scan)) < lidar.dropout] = lidar.range
+        noisy = np.where(scans < self._largest, noisy, scans)
+        lost = uniform < dropout[:, None]
+        seen[which, robots, PROPRIOCEPTION:] = np.where(lost, self._largest, noisy)
 
 
 class DrawnMaps:

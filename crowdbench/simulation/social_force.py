@@ -78,7 +78,7 @@ def social_force_velocities(
         responsibility: weight of a robot against a person: 1/2 repels like a person, 1 twice
             as much, 0 not at all.
         obstacles: (K, 3) x, y, radius of static discs [m].
-        walls: (S, 4) segments x1, y1, x2, y2 [m].
+        walls: (S, 4) segments x1, y1, x2, y2 [m]; those with common ends are one wall.
         step: time for which the forces act [s].
         out: (P, 2) new velocities [m/s].
     """
@@ -116,14 +116,10 @@ def social_force_velocities(
             ax += fx
             ay += fy
         for s in range(len(walls)):
+            t = _share_along(x, y, walls[s])
+            if (t == 0.0 or t == 1.0) and _is_of_another(x, y, s, t, walls):
+                continue
             ex, ey = walls[s, 2] - walls[s, 0], walls[s, 3] - walls[s, 1]
-            length2 = ex * ex + ey * ey
-            t = (
-                ((x - walls[s, 0]) * ex + (y - walls[s, 1]) * ey) / length2
-                if length2 > 0.0
-                else 0.0
-            )
-            t = min(1.0, max(0.0, t))
             fx, fy = _repulsion(x - walls[s, 0] - t * ex, y - walls[s, 1] - t * ey, radius[p])
             ax += fx
             ay += fy
@@ -131,6 +127,32 @@ def social_force_velocities(
         speed = math.hypot(wx, wy)
         scale = max_speed[p] / speed if speed > max_speed[p] else 1.0
         out[p, 0], out[p, 1] = scale * wx, scale * wy
+
+
+@compiled()
+def _share_along(x, y, wall):  # type: ignore[no-untyped-def]
+    """Where on a wall, between 0 and 1, the point nearest to (x, y) is."""
+    ex, ey = wall[2] - wall[0], wall[3] - wall[1]
+    length2 = ex * ex + ey * ey
+    t = ((x - wall[0]) * ex + (y - wall[1]) * ey) / length2 if length2 > 0.0 else 0.0
+    return min(1.0, max(0.0, t))
+
+
+@compiled()
+def _is_of_another(x, y, s, t, walls):  # type: ignore[no-untyped-def]
+    """Whether the end ``t`` of wall ``s``, nearest to (x, y), belongs to a wall that repels there.
+
+    A wall in pieces, or the corner of a polygon, so repels once: by the piece that comes nearest,
+    or by the first one where that is the common end.
+    """
+    end_x, end_y = (walls[s, 0], walls[s, 1]) if t == 0.0 else (walls[s, 2], walls[s, 3])
+    for other in range(len(walls)):
+        for end in range(2):
+            if walls[other, 2 * end] != end_x or walls[other, 2 * end + 1] != end_y:
+                continue
+            if other < s or (other > s and _share_along(x, y, walls[other]) != end):
+                return True
+    return False
 
 
 @compiled()

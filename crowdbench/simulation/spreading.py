@@ -12,6 +12,7 @@ from crowdbench.scenario.streams import MOST_VIA
 from crowdbench.simulation.following import PLACE, length_of, place_of
 from crowdbench.simulation.map_layout import CrowdedError
 from crowdbench.simulation.routes import Regions, Routes
+from crowdbench.simulation.vacancy import is_off_discs
 from crowdbench.simulation.ways import Network, lengths_to, next_point
 
 _BATCH, _BATCHES = 16, 20
@@ -90,11 +91,7 @@ def _place_along(
             left -= lengths[stage]
             stage += 1
         x, y = _point_on_way(stops[stage], stops[stage + 1], left, network)
-        free = True
-        for i in range(last):
-            dx, dy = x - discs[i, 0], y - discs[i, 1]
-            free = free and math.sqrt(dx * dx + dy * dy) > discs[i, 2] + discs[last, 2]
-        if free:
+        if is_off_discs(x, y, discs, last):
             discs[last, 0], discs[last, 1] = x, y
             return stage
     return -1

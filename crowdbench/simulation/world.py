@@ -125,6 +125,16 @@ class Lane:
         return float(self.worlds.state.worlds["switch_probability"][self._lane])
 
     @property
+    def stop_share(self) -> float:
+        """Chance that somebody stops on a leg."""
+        return float(self.worlds.state.worlds["stop_share"][self._lane])
+
+    @property
+    def stop_duration(self) -> NDArray[np.float64]:
+        """(2,) bounds of how long a stop lasts [s]."""
+        return self.worlds.state.worlds["stop_for"][self._lane].copy()
+
+    @property
     def field_of_view(self) -> float:
         """Angle within which reactive pedestrians see robots [rad]."""
         return 2.0 * float(self.worlds.state.worlds["half_view"][self._lane])
@@ -230,5 +240,5 @@ class World(Lane):
         self.worlds.judge(_LANE)
 
     def remove(self, robot: int) -> None:
-        """Take a robot out of the scene."""
+        """Take a robot out of the scene; one that has left stays where it is."""
         self.worlds.remove(0, robot)

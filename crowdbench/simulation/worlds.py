@@ -29,7 +29,6 @@ from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
     ODOMETRY,
-    PROPRIOCEPTION,
     allocate,
     world_of,
 )
@@ -43,7 +42,7 @@ from crowdbench.simulation.pedestrians import look
 from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.routes import routes_of
-from crowdbench.simulation.sensing import DrawnMaps, add_noise, observe, outline
+from crowdbench.simulation.sensing import DrawnMaps, ScanNoise, observe, outline
 from crowdbench.simulation.setting_out import set_out
 from crowdbench.simulation.substeps import body_speed, physics
 from crowdbench.simulation.walking import make_walking_model
@@ -75,10 +74,10 @@ class Worlds:
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
-        self._noisy: set[int] = set()
+        self._noise = ScanNoise(lanes, scenarios[0].lidar.range)
         on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
         self._guidance = Guidance(lanes, scenarios) if on_map else None
-        self._habits = HabitLanes()
+        self._habits = HabitLanes(lanes)
         self._recorded: set[int] = set()
         self._drifting: set[int] = set()
 
@@ -121,23 +120,19 @@ class Worlds:
         state.people["body"][lane, : scenario.pedestrians.count] = bodies.addresses[
             state.robots.shape[1] :
         ]
-        noisy = state.robots.shape[1] if prepared.noisy else 0
-        noise = [streams.lidar(seed, r) for r in range(noisy)]
         drifting = [
             DriftingOdometry(scenario.robots.odometry, pose, streams.odometry(seed, r))
             for r, pose in enumerate(layout.robot_pose if prepared.drifts else ())
         ]
+        self._noise.begin(lane, scenario, seed)
         if self.drawn is not None:
             self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
         (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
-        (self._noisy.add if noisy else self._noisy.discard)(lane)
         self._habits.note(lane, scenario.pedestrians)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
-        self.episodes[lane] = Episode(
-            prepared, seed, layout, bodies, model, drawing, noise, drifting
-        )
+        self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, drifting)
         if before is not None:
             before.bodies.free()
         if isinstance(model, Recorded):
@@ -205,12 +200,7 @@ class Worlds:
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
         if self._guidance is not None:
             self._guidance.observe(lanes, s.robots, s.seen)
-        for lane in self._noisy.intersection(lanes.tolist()):
-            episode = self.episode(lane)
-            for r, noise in enumerate(episode.noise):
-                if s.robots["active"][lane, r]:
-                    scan = s.seen[lane, r, PROPRIOCEPTION:]
-                    add_noise(scan, episode.prepared.scenario, noise)
+        self._noise.add(lanes, s.seen, s.robots["active"])
         for lane in self._drifting.intersection(lanes.tolist()):
             robots = s.robots[lane]
             for r in np.flatnonzero(robots["active"]).tolist():
@@ -229,9 +219,11 @@ class Worlds:
             self._guidance.judge(lanes, s.worlds, s.robots)
 
     def remove(self, lane: int, robot: int) -> None:
-        """Take a robot out of the scene."""
-        self.state.robots["active"][lane, robot] = False
-        self.episode(lane).bodies.remove(robot)
+        """Take a robot out of the scene; one that has left stays where it is."""
+        active = self.state.robots["active"][lane]
+        if active[robot]:
+            active[robot] = False
+            self.episode(lane).bodies.remove(robot)
 
     def _prepare(self, scenario: Scenario) -> Prepared:
         if id(scenario) not in self._prepared:
@@ -242,7 +234,6 @@ class Worlds:
                 drive,
                 world_of(scenario, drive, kinematics.kernel_of(drive)),
                 [(x, y), (-x, y), (-x, -y), (x, -y)],
-                scenario.lidar.noise > 0.0 or scenario.lidar.dropout > 0.0,
                 scenario.robots.odometry != Odometry(),
                 places_of(scenario),
                 routes_of(scenario),

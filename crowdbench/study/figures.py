@@ -26,7 +26,8 @@ def save_figures(
     Returns:
         For each name whether there is a figure.
     """
-    target.mkdir(parents=True, exist_ok=True)
+    if drawings:
+        target.mkdir(parents=True, exist_ok=True)
     there = {}
     for drawing in drawings:
         with mpl.rc_context(LOOK):

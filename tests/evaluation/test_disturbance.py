@@ -207,6 +207,29 @@ def test_who_is_never_there_is_nobody():
     assert np.isnan(_shift(*[walks(*[AWAY] * 7, goals=goals)] * 2)).all()
 
 
+def test_who_stands_is_displaced_but_never_late():
+    stays = walks((0, 0), (0, 0), (0, 0), speed=0.0)
+    pushed = walks((0, 0), (0, 0.3), (0, 0), speed=0.0)
+    found = _shift(pushed, stays)
+    assert np.isnan(found.delay)
+    assert found[1:] == pytest.approx((0.6, 0.3, 1.0))
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.15])
+def test_recorded_people_below_a_tenth_of_a_metre_a_second_stand(recording, speed):
+    rows = [f"{p},{t},{5 * p + t * speed},{p}\n" for p in range(3) for t in range(60)]
+    recording.write_text("id,time,x_m,y_m\n" + "".join(rows))
+    scenario = crossing(recording, **{"robots.start": [0.0, 3.0], "robots.goal": [0.0, -3.0]})
+    paces = _simulate(scenario, 3, standing(0.0)).speed
+    assert paces == pytest.approx(np.full(3, 0.0 if speed < 0.1 else speed))
+
+
+def test_commands_out_of_range_are_followed_as_far_as_the_drive_goes():
+    world = crowd("multimodal_fast")
+    one, other = ([np.tile([v, 0.0], (30, 1))] for v in (1.0, 7.0))
+    assert disturbance(world, 900_001, one) == disturbance(world, 900_001, other)
+
+
 @pytest.fixture
 def recording(tmp_path):
     path = tmp_path / "walk.csv"

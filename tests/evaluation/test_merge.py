@@ -192,6 +192,20 @@ def test_what_is_no_results_folder_is_refused_before_anything_is_written(local, 
         merge([a.folder], tmp_path / "." / "a")
 
 
+@pytest.mark.parametrize(
+    ("damaged", "text"), [("a", "{"), ("a", "[]"), ("into", '"spl"'), ("into", '{"spl": 3}')]
+)
+def test_metrics_that_say_something_else_than_definitions_are_refused(local, damaged, text):
+    a, into = local("a"), local("into")
+    add(a, [0])
+    add(into, [1])
+    with sqlite3.connect(local(damaged).folder / FILE) as connection:
+        connection.execute("UPDATE metric_sets SET definitions = ?", (text,))
+    connection.close()
+    with pytest.raises(ResultsError, match=rf"/{damaged}/{FILE}: damaged metrics \("):
+        merge([a.folder], into.folder)
+
+
 def test_rows_that_hold_what_cannot_be_are_refused(local, tmp_path):
     a = local("a")
     add(a, [0], success=[7.0])

@@ -49,6 +49,16 @@ def test_a_second_run_replaces_the_first_and_the_differences_are_told(local, rec
     assert values(load_record(), "timestamp")[1] == later["timestamp"]
 
 
+def test_changes_are_counted_in_episodes_however_many_robots_they_have(local, record):
+    for name, outcome in (("first", "success"), ("second", "timeout")):
+        mine = local(name)
+        for robot in ("robot_0", "robot_1"):
+            fixed = {"timestamp": name, "outcome": outcome}
+            mine.add("orca", SCENARIO, robot=robot, spl=[0.5, 0.5], fixed=fixed)
+        (change,) = publish([(SCENARIO, "orca", 100)], mine.folder, record).changes
+    assert (change.added, change.replaced, change.outcomes) == (0, 2, 2)
+
+
 def test_rows_with_and_without_a_metric_are_not_published_side_by_side(local, record):
     plan = [(SCENARIO, "orca", 3)]
     old, new = local("old"), local("new")
@@ -134,6 +144,26 @@ def test_commands_come_along_and_those_of_other_seeds_stay(whole, make_whole, tm
     commands = load_commands(cell)
     assert commands.seeds == {0, 1}
     assert (commands.of(1)["robot_0"] == run.commands).all()
+
+
+def test_commands_of_a_replaced_episode_are_replaced_with_it(whole, make_whole, tmp_path, record):
+    plan = [(SCENARIO, "straight_line", 100)]
+    first = whole.run(SCENARIO, "straight_line", 2)
+    publish(plan, whole.folder, record)
+    other = make_whole(tmp_path / "other")
+    second = other.run(SCENARIO, "orca", 2, label="straight_line")
+    assert second.steps != first.steps
+    (change,) = publish(plan, other.folder, record).changes
+    assert (change.added, change.replaced) == (0, 1)
+    (cell,) = cells_of(load_record()).values()
+    assert (load_commands(cell).of(2)["robot_0"] == second.commands).all()
+
+
+def test_rows_of_a_scenario_that_is_defined_otherwise_by_now_are_not_published(local, record):
+    mine = local("mine")
+    mine.add("orca", SCENARIO, spl=[0.5], fixed={"scenario_digest": "0123456789ab"})
+    assert publish([(SCENARIO, "orca", 100)], mine.folder, record) == ([], [])
+    assert load_record().empty
 
 
 def test_scenarios_that_are_not_installed_are_refused(whole, tmp_path, record):

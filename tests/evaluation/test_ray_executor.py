@@ -171,7 +171,7 @@ def test_a_node_that_cannot_be_used_is_told_of_in_a_line(tmp_path, planner, clus
 def test_without_processors_a_run_ends_and_what_is_finished_stays(
     tmp_path, planner, cluster, monkeypatch
 ):
-    monkeypatch.setattr("crowdbench.evaluation.ray_executor._WITHOUT_NODES", 0.5)
+    monkeypatch.setattr("crowdbench.evaluation.ray_executor.WITHOUT_NODES", 0.5)
 
     def watch(progress):
         while progress.done and cluster.nodes:

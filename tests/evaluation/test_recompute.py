@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import sqlite3
 
 import pytest
@@ -166,6 +167,19 @@ def test_episodes_of_another_world_are_refused_with_the_reason(folder, capsys):
         assert database.execute("SELECT count(*) FROM actions").fetchone() == (8,)
 
 
+class _KillsTheProcess:
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
+def test_a_process_that_is_killed_ends_it_with_a_line(folder, monkeypatch, capsys):
+    killer = (_KillsTheProcess(), "straight_line", [])
+    monkeypatch.setattr("crowdbench.evaluation.remeasure._sent", lambda piece: killer)
+    assert main(["recompute", "--results", str(folder), "--jobs", "2"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("a process that simulates was killed") and told.count("\n") == 1
+
+
 def test_damaged_commands_end_it_with_the_episode_s_name(folder):
     alter(folder, "UPDATE actions SET commands = x'00' WHERE episode = 3")
     with pytest.raises(ResultsError, match=r"straight_line in tiny@\w+, seed \d: damaged commands"):
@@ -177,6 +191,7 @@ def test_damaged_commands_end_it_with_the_episode_s_name(folder):
     [
         "UPDATE metrics SET spl = x'78' WHERE episode = 3",
         "UPDATE metric_sets SET definitions = '{'",
+        "UPDATE metric_sets SET definitions = '[]'",
     ],
 )
 def test_damaged_metrics_end_it_with_the_episode_s_name(folder, statement):

@@ -245,6 +245,15 @@ def test_a_cut_off_file_of_commands_is_named(written):
     assert str(path) in str(caught.value)
 
 
+def test_commands_that_nobody_can_unpack_are_named(written):
+    path = only_file(written, "actions")
+    archive = bytearray(path.read_bytes())
+    archive[archive.index(b"PK\x01\x02") + 10] = 99  # a method of compression that is not known
+    path.write_bytes(archive)
+    with pytest.raises(ResultsError, match=r"npz: not commands of the record \(That compression"):
+        load_commands(CELL, written)
+
+
 def test_pickles_are_refused(written):
     path = only_file(written, "actions")
     identity = np.array([object()], dtype=object)

@@ -144,7 +144,13 @@ def test_only_a_privileged_agent_sees_the_state():
             "act returned shape (3,), expected (2,), e.g. v [m/s], w [rad/s]",
         ),
         (lambda: 1.0, "act returned shape (), expected (2,)"),
-        (lambda: ("fast", "left"), "ValueError: could not convert string to float"),
+        (
+            lambda: ("fast", "left"),
+            "act returned ('fast', 'left'), expected two numbers, e.g. v [m/s], w [rad/s]",
+        ),
+        (lambda: (10**400, 0), "act returned (a number of 1329 bits, 0), expected two numbers"),
+        (lambda: (1j, 0.0), "act returned (1j, 0.0), expected two numbers"),
+        (lambda: ([0.0], [0.0, 1.0]), "act returned ([0.0], [0.0, 1.0]), expected two numbers"),
         (lambda: None, "TypeError"),
     ],
 )

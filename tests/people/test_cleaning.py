@@ -93,16 +93,45 @@ def test_what_cannot_be_is_refused_with_its_place(cleaned, rows, told):
 
 def test_centimetres_read_as_metres_are_refused_with_the_unit(cleaned):
     rows = [(p, f, 12.0 * f, 100.0 * p) for p in range(3) for f in range(20)]
-    with pytest.raises(RecordingError, match=r"at 120 m/s .* in cm it would be 1.2 .*--unit cm"):
+    with pytest.raises(RecordingError, match=r"at 120 m/s .* in cm it would be 1.2 .*unit: cm"):
         cleaned(rows)
 
 
 def test_metres_read_as_centimetres_are_refused_with_the_unit(cleaned):
     rows = [(p, f, 0.0012 * f, 0.01 * p) for p in range(3) for f in range(20)]
     with pytest.raises(
-        RecordingError, match=r"read in cm, .* in m it would be 1.2 m/s \(--unit m\)"
+        RecordingError, match=r"read in cm, .* in m it would be 1.2 m/s \(unit: m\)"
     ):
         cleaned(rows, unit="cm")
+
+
+def test_only_units_in_which_people_would_walk_are_offered(cleaned):
+    rows = [(p, f, 12.0 * f, 100.0 * p) for p in range(3) for f in range(20)]
+    with pytest.raises(RecordingError) as caught:
+        cleaned(rows)
+    told = str(caught.value)
+    assert "--unit cm" in told and "--unit mm" in told
+    with pytest.raises(RecordingError) as caught:
+        cleaned([(p, f, 120.0 * f, 1000.0 * p) for p in range(3) for f in range(20)])
+    assert "--unit mm" in str(caught.value) and "--unit cm" not in str(caught.value)
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_somebody_alone_may_stand_and_a_crowd_needs_room(cleaned, alone):
+    rows = [(p, f, 0.001 * f, 0.1 * p) for p in range(1 if alone else 2) for f in range(20)]
+    if alone:
+        assert len(cleaned(rows).times) == 20
+    else:
+        with pytest.raises(RecordingError, match=r"at 0\.01 m/s"):
+            cleaned(rows)
+
+
+def test_a_tenth_of_the_time_people_may_be_faster_than_anybody(cleaned):
+    rows = [(1, f, 0.1 * f + 50 * (f > 99), 0.0) for f in range(200)]
+    assert cleaned(rows).speeds.max() > 10
+    jumping = [(1, f, 0.1 * f + 10 * (f // 20), 0.0) for f in range(200)]
+    with pytest.raises(RecordingError, match="a tenth of the time faster"):
+        cleaned(jumping)
 
 
 def test_a_frame_rate_that_no_unit_explains_is_asked_about(cleaned):

@@ -47,7 +47,7 @@ def test_the_user_is_asked_for_unit_and_frame_rate(people, write, tmp_path):
     code, _, complaints = people(csv_frames(write))
     assert code == 2
     assert complaints.count("\n") == 1
-    assert "does not say in which unit" in complaints and "--fps 25" in complaints
+    assert "does not say in which unit" in complaints and "fps: e.g. 25" in complaints
     assert not list((tmp_path / "here").iterdir())
     assert people(tmp_path / "walk.txt", "--unit", "m", "--fps", 25)[0] == 0
 

@@ -57,9 +57,31 @@ def test_two_who_walk_at_each_other_collide_when_their_bodies_meet():
     assert np.diff(found[::2]) == pytest.approx(np.full(len(found) // 2 - 1, -PERIOD))
 
 
+def test_bodies_that_overlap_and_meetings_far_ahead_are_no_times_to_collision():
+    overlapping = frames(line((0, 0), (0.1, 0), 9), line((0.3, 0), (-0.1, 0), 9))
+    assert len(time_to_collision(overlapping)) == 0
+    later = frames(line((0, 0), (1, 0), 25), line((16, 0), (-1, 0), 25))
+    # 7.8 s at first, and 3.4 s when their velocities are known for the last time.
+    assert time_to_collision(later).min() == pytest.approx(3.4)
+    assert time_to_collision(later).max() < 5.0
+
+
 def test_who_is_passed_on_the_right_is_there_for_both():
     found = passing_distance(frames(line((-4, 0), (1, 0)), line((4, -0.8), (-1, 0))))
     assert found == pytest.approx([-0.8, -0.8])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        line((4, -2.1), (-1, 0)),  # too far to the side
+        line((4, -0.8), (-0.2, 0)),  # hardly moves
+        line((1.5, -4), (-0.5, 1)),  # crosses
+        line((0, -0.8), (1, 0)),  # walks beside
+    ],
+)
+def test_only_people_who_walk_the_other_way_nearby_are_passed(other):
+    assert len(passing_distance(frames(line((-4, 0), (1, 0)), other))) == 0
 
 
 def test_lanes_of_their_own_are_ordered_and_mixed_ones_are_not():
@@ -71,6 +93,19 @@ def test_lanes_of_their_own_are_ordered_and_mixed_ones_are_not():
     order = lane_order(mixed)
     # The first two have one of each direction beside them; the third has two against itself.
     assert sorted(set(np.round(order, 6))) == [0.0, 1.0]
+
+
+def test_lanes_are_made_by_people_who_walk_and_are_not_wider_than_they():
+    beside = frames(line((0, 0), (1, 0), 9), line((1, 0.8), (1, 0), 9))
+    assert len(lane_order(beside)) == 0
+    standing = frames(line((0, 0), (1, 0), 9), line((3, 0.2), (-0.1, 0), 9))
+    assert len(lane_order(standing)) == 0
+
+
+def test_who_gets_less_than_a_metre_makes_no_detour():
+    loop = np.vstack([line((0, 0), (1, 0), 16), line((3, 0.2), (0, 1), 20)])
+    back = np.vstack([loop, loop[::-1][:-2]])
+    assert len(detour(frames(back))) == 0
 
 
 def test_a_way_around_a_corner_is_longer_than_the_straight_line():

@@ -61,6 +61,14 @@ def test_millimetres_of_petrack_are_read(write):
     assert recording.positions == pytest.approx(POSITIONS, abs=1e-6)
 
 
+def test_petrack_with_as_many_columns_as_obsmat_is_petrack(write):
+    body = table(" ", 100, height=["1.7", "1", "0", "0"])
+    path = write(f"# framerate: 25 fps\n# id frame x/cm y/cm z/cm viewX viewY viewZ\n{body}")
+    recording = read_recording(path, fps=25)
+    assert recording.people.tolist() == [3, 8]
+    assert recording.positions == pytest.approx(POSITIONS, abs=1e-6)
+
+
 def test_the_frame_rate_of_obsmat_follows_from_its_velocities(write):
     for seconds in (0.04, 0.4, 1 / 3):
         recording = read_recording(write(obsmat_text(seconds)))
@@ -97,3 +105,4 @@ def test_hdf5_may_have_no_walls(write):
 
 def test_what_is_given_and_said_alike_is_fine(write):
     assert read_recording(petrack_centimetres(write), unit="cm", fps=25).period == 0.04
+    assert read_recording(petrack_centimetres(write), fps=25.2).period == 0.04

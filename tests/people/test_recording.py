@@ -98,6 +98,13 @@ def test_jumps_are_named_by_frame_and_person(cleaned):
     assert jump.speed == pytest.approx(np.hypot(0.1, 0.6) / 0.1)
 
 
+def test_jumps_are_told_in_their_order_in_time(cleaned):
+    rows = [
+        (p, f, 0.1 * f + (f >= jump), float(p)) for p, jump in ((1, 9), (2, 4)) for f in range(12)
+    ]
+    assert [(jump.frame, jump.person) for jump in cleaned(rows).jumps()] == [(4, 2), (9, 1)]
+
+
 def test_the_next_persons_beginning_is_no_jump(cleaned):
     assert cleaned([*walk(1, range(5)), *walk(2, range(5, 10), y=40.0)]).jumps() == []
 

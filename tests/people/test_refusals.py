@@ -44,6 +44,7 @@ def refused(path, **given):
         (PETRACK + WALK + "1 9.5 0 2.0 1.7\n", ": line 12: frame '9.5' is no whole number"),
         (PETRACK + WALK + "1 3 0.1 2.0 1.7\n", ": frame 3, person 1: is there twice"),
         (PETRACK + "1 -1 0 2 1.7\n" + WALK, ": frame -1, person 1: frames and times are 0"),
+        (PETRACK + WALK + f"{10**20} 9 0 2 1.7\n" * 2, ": an id or frame is 2^63 or more"),
         (PETRACK.replace("25", "0") + WALK, ": its frame rate is 0, and has to be above 0"),
         (PETRACK + WALK + "2 7 1e9 2 1.7\n", ": frame 7, person 2: time, x and y have to"),
         (PETRACK + WALK + "2 26000000 0 2 0\n2 26000001 0 2 0\n", ": its last position is 1.04"),
@@ -60,6 +61,10 @@ def refused(path, **given):
         ("id,time,t,x_m,y_m\n1,2,3,4,5\n", ": two columns for time"),
         ('{"track": {"f": 1, "p": 1, "x": 0.5}}\n', ": line 1: expected a track with p, f, x, y"),
         ('{"track": {"f": 1, "p": 1, "x": 0.5, "y"', ": line 1: expected a track with p, f, x, y"),
+        ('{"track": {"f": ' + 400 * "9" + ', "p": 1, "x": 0, "y": 0}}\n', ": line 1: expected a"),
+        ('{"track": ' + 100_000 * "[", ": line 1: expected a track with p, f, x, y"),
+        (2 * '{"scene": {"fps": 1}}\n{"track": {"f": 3, "p": 1, "x": 0, "y": 0}}\n'
+         '{"track": {"f": 4, "p": 1, "x": 0, "y": 0}}\n', ": frame 3, person 1: is there twice"),
         ('{"tracks": []}\n', ": line 1: expected a track"),
         ('{"scene": {"id": 0, "fps": 2.5}}\n', ": there are no positions in it"),
         ('{"scene": {"fps": 2.5}}\n{"scene": {"fps": 25}}\n', ": its scenes have different frame"),
@@ -73,15 +78,15 @@ def test_text_that_is_no_recording_is_refused(write, text, told):
 @pytest.mark.parametrize(
     ("text", "given", "told"),
     [
-        (WALK, {}, "in which unit its positions are (--unit m, cm or mm), nor how many frames"),
-        (WALK, {"fps": 25}, "in which unit its positions are (--unit m, cm or mm); please do"),
-        (WALK, {"unit": "m"}, "does not say how many frames a second it has (e.g. --fps 25)"),
-        ("id,frame,x,y\n1,0,0,0\n", {}, "(--unit m, cm or mm), nor how many frames a second"),
-        ("id,time,x,y\n1,0,0,0\n", {}, "in which unit its positions are (--unit m, cm or mm); p"),
+        (WALK, {}, "in which unit its positions are (unit: m, cm or mm), nor how many frames"),
+        (WALK, {"fps": 25}, "in which unit its positions are (unit: m, cm or mm); please do"),
+        (WALK, {"unit": "m"}, "does not say how many frames a second it has (fps: e.g. 25)"),
+        ("id,frame,x,y\n1,0,0,0\n", {}, "(unit: m, cm or mm), nor how many frames a second"),
+        ("id,time,x,y\n1,0,0,0\n", {}, "in which unit its positions are (unit: m, cm or mm); p"),
         ('{"track": {"f": 1, "p": 1, "x": 0.5, "y": 0}}\n', {}, "how many frames a second"),
         (PETRACK + WALK, {"unit": "cm"}, "it has positions in m, and cm is given"),
         (PETRACK + WALK, {"fps": 30}, "it has 25 frames a second, and 30 is given"),
-        (HEADER + "1,0,0,0\n", {"fps": 30}, "it has times, so no --fps can be given"),
+        (HEADER + "1,0,0,0\n", {"fps": 30}, "it has times, so no fps can be given"),
     ],
 )
 def test_unit_and_frame_rate_are_asked_for_and_not_guessed(write, text, given, told):
@@ -128,6 +133,14 @@ def test_a_saved_recording_that_has_been_cut_off_is_refused(write, tmp_path):
     assert told.startswith(": damaged, or not from `crowdbench people --save`")
 
 
+def test_a_saved_recording_that_nobody_can_unpack_is_refused(write, tmp_path):
+    save(read_recording(petrack(write)), tmp_path / "walk.npz")
+    archive = bytearray((tmp_path / "walk.npz").read_bytes())
+    archive[archive.index(b"PK\x01\x02") + 10] = 99  # a method of compression that is not known
+    told = refused(write(bytes(archive), "odd.npz"))
+    assert told.startswith(": damaged, or not from `crowdbench people --save` (That compression")
+
+
 @pytest.mark.parametrize(
     "arrays",
     [
@@ -159,6 +172,15 @@ def test_hdf5_with_a_room_that_is_none_is_refused_in_a_line(write):
     told = refused(path)
     assert told.startswith(": HDF5 of the Juelich archive that pedpy cannot read: Could not create")
     assert len(told) < 300
+
+
+def test_hdf5_that_is_damaged_inside_is_refused(write):
+    whole = bytearray(hdf5(write).read_bytes())
+    version = whole.index(b"wkt_geometry") - 8  # of the message that has the room
+    assert whole[version] in (1, 3)
+    whole[version] = 9
+    told = refused(write(bytes(whole), "b.h5"))
+    assert told.startswith(": HDF5 of the Juelich archive that pedpy cannot read")
 
 
 @pytest.mark.parametrize(
@@ -197,6 +219,7 @@ def test_without_the_extra_it_says_in_a_line_what_to_install(write, monkeypatch,
 def test_a_file_that_is_not_there_is_named(tmp_path):
     assert "No such file" in refused(tmp_path / "nowhere.txt")
     assert refused(tmp_path) == ": not a file"
+    assert refused(tmp_path / ("long" * 100)) == ": cannot be read (File name too long)"
 
 
 def test_a_table_of_many_lines_names_the_first_that_is_wrong(write):

@@ -73,6 +73,13 @@ def test_it_says_unit_and_frame_rate(write, tmp_path):
         {"people": np.zeros(0, int), "starts": np.zeros(1, int)},
         {"period": np.array(0.0)},
         {"frames": np.zeros(18)},
+        {"times": np.array(1.0)},
+        {"times": np.append(0.1 * np.arange(17), np.inf)},
+        {"period": np.ones(3)},
+        {"wall_starts": np.array([0.0, 5.0])},
+        {"wall_points": np.zeros((5, 2)), "wall_starts": np.array([0, 9])},
+        {"wall_points": np.zeros((5, 2)), "wall_starts": np.array([0, 1, 5])},
+        {"wall_points": np.full((5, 2), np.nan), "wall_starts": np.array([0, 5])},
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(recording, tmp_path, change):

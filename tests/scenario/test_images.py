@@ -137,6 +137,8 @@ def test_the_image_is_found_beside_the_file_that_names_it(tmp_path, monkeypatch)
         ({"image": None}, "image: None; allowed: the name of a PGM or PNG file"),
         ({"image": "none.pgm"}, "none.pgm does not exist; allowed: a PGM or PNG file"),
         ({"image": "room.yaml"}, "room.yaml cannot be read as a picture"),
+        ({"mode": "raw"}, "room.yaml: mode: 'raw'; allowed: trinary or scale"),
+        ({"mode": ["raw"]}, "mode: ['raw']; allowed"),
         ({"negate": "[1"}, "not a YAML file (line"),
     ],
 )

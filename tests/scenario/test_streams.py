@@ -37,3 +37,12 @@ def test_streams_that_say_no_route_are_refused(streams, message):
 def test_shares_become_whole_people(shares, sizes):
     streams = [{**WEST_EAST, "share": share} for share in shares]
     assert stream_sizes(hall(pedestrians__streams=streams, pedestrians__count=8)) == sizes
+
+
+def test_streams_take_no_more_people_than_queues_leave():
+    """Of eight people a queue of three takes four."""
+    queueing = {"pedestrians__count": 8, "pedestrians__queues": [{"head": [0, 0], "count": 3}]}
+    fitting = hall(**queueing, pedestrians__streams=[{**WEST_EAST, "share": 0.5}])
+    assert stream_sizes(fitting) == [4]
+    with pytest.raises(ScenarioError, match=r"shares take 5 of .* queues leave 4; allowed: 0\.5 "):
+        hall(**queueing, pedestrians__streams=[{**WEST_EAST, "share": 0.6}])

@@ -9,7 +9,7 @@ from map_scenarios import BORDER, HALL, PILLARS, hall
 
 from crowdbench.scenario import NoRoomError, ScenarioError, load_scenario
 from crowdbench.simulation.layout import OBSTACLE_CLEARANCE, place
-from crowdbench.simulation.map_layout import places_of
+from crowdbench.simulation.map_layout import places_of, robot_clearance
 
 PILLAR_SHAPES = [shapely.Polygon(pillar) for pillar in PILLARS]
 
@@ -144,3 +144,32 @@ def test_no_room_is_said_with_the_seed(changes, told):
     with pytest.raises(NoRoomError, match=told) as caught:
         place(hall(**changes), 3)
     assert caught.value.seed == 3
+
+
+@pytest.mark.parametrize("streams", [[], [{"start": "low", "goal": "high", "share": 0.3}]])
+def test_nobody_stands_where_a_robot_or_a_stream_would_be_shut_in(streams):
+    low, high = [-3, -1, -2, 1], [2, -1, 3, 1]
+    robots = {"start": [-2.5, 0], "goal": [2.5, 0]} if not streams else {}
+    scenario = hall(
+        arena__length=6,
+        arena__width=3,
+        arena__walls=[[0, -1.5, 0, -0.55], [0, 0.55, 0, 1.5]],
+        arena__polygons=[],
+        arena__regions={"west": low, "east": low, "low": low, "high": high},
+        robots=robots,
+        pedestrians={"count": 3, "standing": 0.7, "spawn_clearance": 0.1, "streams": streams},
+    )
+    ground = places_of(scenario).ground
+    width = scenario.pedestrians.radii[1] if streams else robot_clearance(scenario)
+    for seed in range(20):
+        layout = place(scenario, seed)
+        stands = layout.traits.standing
+        discs = np.column_stack([layout.pedestrian_position, layout.traits.radius])[stands]
+        solid = shapely.union_all(
+            [shapely.LineString(np.reshape(wall, (2, 2))).buffer(width) for wall in layout.walls]
+            + [shapely.Point(x, y).buffer(width + radius) for x, y, radius in discs]
+        )
+        free = shapely.box(*ground.bounds).buffer(-width).difference(solid.buffer(-0.08))
+        parts = shapely.get_parts(free)
+        ends = [shapely.box(*low), shapely.box(*high)]
+        assert any(part.intersects(ends[0]) and part.intersects(ends[1]) for part in parts)

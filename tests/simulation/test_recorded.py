@@ -10,6 +10,7 @@ from crowdbench.evaluation.metrics import metrics
 from crowdbench.evaluation.resimulate import resimulate
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.people import read_recording
+from crowdbench.scenario.recorded import AHEAD, most_tracks
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.simulation.recorded import CATCH_UP, Recorded, Tracks
 from crowdbench.simulation.walking import Crowd
@@ -45,6 +46,15 @@ def test_nobody_walks_otherwise_than_recorded(recording, seed):
     for k, state in enumerate(states):
         expected = known.at(begin + 0.2 * k).positions - origin
         np.testing.assert_allclose(_there(state), expected, atol=1e-9)
+
+
+def test_nobody_is_followed_who_comes_after_the_time_that_rows_are_counted_for(recording):
+    # 67 periods of 0.3 s are 20.1 s; nobody who leaves at first meets who comes after 20.05 s.
+    recording.write_text("id,time,x_m,y_m\n1,0,0,0\n1,0.04,0.04,0\n2,20.05,5,0\n2,20.15,5.1,0\n")
+    known = read_recording(recording)
+    assert most_tracks(known, 10 + AHEAD) == 1
+    tracks = Tracks.of(known, np.zeros(2), 0.0, 10.0, 0.3, 1)
+    assert np.isfinite(tracks.position[:, 0, 0]).tolist() == [True] + [False] * 66
 
 
 def _there(state):

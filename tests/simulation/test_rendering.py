@@ -29,6 +29,7 @@ def make_state(**changes):
         "robot_active": np.array([True]),
         "pedestrian_position": np.zeros((0, 2)),
         "pedestrian_velocity": np.zeros((0, 2)),
+        "pedestrian_way": np.zeros((0, 2, 2)),
         "pedestrian_goal": np.zeros((0, 2)),
         "pedestrian_radius": np.zeros(0),
         "pedestrian_speed": np.zeros(0),
@@ -41,10 +42,13 @@ def make_state(**changes):
     return state | {key: np.asarray(value) for key, value in changes.items()}
 
 
-def person(position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, attentive=True):
+def person(
+    position, velocity=(0.0, 0.0), goal=(-4.0, -4.0), reactive=True, attentive=True, way=None
+):
     return {
         "pedestrian_position": np.array([position]),
         "pedestrian_velocity": np.array([velocity]),
+        "pedestrian_way": np.array([[goal, goal] if way is None else way]),
         "pedestrian_goal": np.array([goal]),
         "pedestrian_radius": np.full(1, 0.25),
         "pedestrian_speed": np.full(1, 2.0),
@@ -107,6 +111,18 @@ def test_people_who_see_the_robot_are_discs_and_others_rings(position):
     assert near(pixel(seeing, *rim), REACTIVE)
     assert near(pixel(blind, *position), WHITE)
     assert near(pixel(blind, *rim), NONREACTIVE)
+
+
+@pytest.mark.parametrize("way", [None, [[3, 0], [3, 2]]])
+def test_dots_lead_to_a_goal_along_the_way_there(way):
+    def is_dotted(first, last):
+        line = np.linspace(first, last, 200)
+        return any(not near(pixel(picture, x, y), WHITE, 40) for x, y in line)
+
+    picture = paint(make_state(robot_pose=[[-4, -4, 0]], **person([-1, 0], goal=(3, 2), way=way)))
+    around = [is_dotted((0.5, 0), (2.5, 0)), is_dotted((3, 0.5), (3, 1.5))]
+    assert around == ([False, False] if way is None else [True, True])
+    assert is_dotted((0.4, 0.7), (2, 1.5)) is (way is None)
 
 
 def test_a_walking_person_has_a_tick_ahead_and_a_standing_one_none():

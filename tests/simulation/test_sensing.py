@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 import crowdbench
+from crowdbench.simulation import streams
 
 
 def scan(scenario="corridor_dense", seed=4, steps=3, **lidar):
@@ -46,3 +47,27 @@ def test_what_happens_does_not_depend_on_where_the_lidar_is():
     one, other = scan()[2], scan(mount=(0.2, 0.0, 1.0))[2]
     for key in one:
         np.testing.assert_array_equal(one[key], other[key])
+
+
+def test_every_scan_takes_noise_and_then_dropout_from_the_generator_of_its_episode():
+    settings = [(0.05, 0.2), (0.3, 0.0), (0.0, 0.3), (0.0, 0.0)]
+    small = {"pedestrians.count": 2, "lidar.beams": 60}
+    worlds = [
+        crowdbench.load_scenario("corridor_sparse", **small, lidar={"noise": s, "dropout": d})
+        for s, d in settings
+    ]
+    lanes = np.arange(len(worlds))
+    env, clean = crowdbench.vector_env(worlds, len(worlds)), crowdbench.vector_env(worlds[-1], 4)
+    seen, _ = env.reset(seed=30, options={"scenario": lanes})
+    true, _ = clean.reset(seed=30)
+    generators = [streams.lidar(30 + lane, 0) for lane in lanes.tolist()]
+    for _ in range(3):
+        for lane, (noise, dropout) in enumerate(settings):
+            expected = true["lidar"][lane].copy()
+            if noise:
+                off = np.clip(expected + generators[lane].normal(0.0, noise, 60), 0.0, 6.0)
+                expected[expected < 6.0] = off[expected < 6.0]
+            if dropout:
+                expected[generators[lane].random(60) < dropout] = 6.0
+            np.testing.assert_array_equal(seen["lidar"][lane], expected)
+        seen, true = env.step(np.full((4, 2), 0.2))[0], clean.step(np.full((4, 2), 0.2))[0]

@@ -121,6 +121,30 @@ def test_the_wall_force_at_contact_by_hand():
     np.testing.assert_allclose(out, [[0, 3.0 * np.exp(-1.0)]])
 
 
+@given(
+    st.floats(-6, 6), st.floats(0.01, 1), st.lists(st.integers(-19, 19), max_size=6, unique=True)
+)
+@settings(max_examples=40, deadline=None)
+def test_a_wall_in_pieces_repels_as_often_as_a_whole_one(x, y, cuts):
+    ends = np.array([-5.0, *sorted(cut / 4 for cut in cuts), 5.0])
+    pieces = np.column_stack([ends[:-1], 0 * ends[1:], ends[1:], 0 * ends[1:]])
+    pieces[::2] = pieces[::2, [2, 3, 0, 1]]
+    whole = solve([x, y], [0, 0], [0, 0], walls=np.array([[-5.0, 0.0, 5.0, 0.0]]))
+    np.testing.assert_allclose(solve([x, y], [0, 0], [0, 0], walls=pieces), whole, atol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [0, 1, 2, 3])
+def test_a_corner_repels_once_from_outside_and_by_both_walls_from_inside(turned):
+    corners = np.roll([[0, 0], [2, 0], [2, 2], [0, 2]], turned, axis=0)
+    square = np.hstack([corners, np.roll(corners, -1, axis=0)]).astype(float)
+    outside = solve([-0.3, -0.4], [0, 0], [0, 0], walls=square, step=1.0)
+    far = 3.0 * np.exp(-(0.5 - RADIUS) / 0.1) * np.array([[-0.6, -0.8]])
+    np.testing.assert_allclose(outside, far, atol=1e-12)
+    inside = solve([0.3, 0.3], [0, 0], [0, 0], walls=square, step=1.0, limit=9.0)
+    near, across = np.exp(-(0.3 - RADIUS) / 0.1), np.exp(-(1.7 - RADIUS) / 0.1)
+    np.testing.assert_allclose(inside, np.full((1, 2), 3.0 * (near - across)), atol=1e-12)
+
+
 def test_an_obstacle_repels_like_a_wall_at_the_same_gap():
     obstacle = solve([0, 1.0], [0, 0], [0, 0], obstacles=np.array([[0.0, 0.0, 0.4]]))
     wall = solve([0, 1.0], [0, 0], [0, 0], walls=np.array([[-5.0, 0.4, 5.0, 0.4]]))

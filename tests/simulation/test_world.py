@@ -228,6 +228,7 @@ def test_a_robot_that_has_left_is_neither_seen_nor_touched():
     scenario = Scenario(name="two", robots={"count": 2}, pedestrians={"count": 2})
     world = World(scenario, 0)
     world.remove(0)
+    world.remove(0)  # changes nothing any more
     before = world.pose[0].copy()
     for _ in range(20):
         world.step(np.array([[1.0, 0.0], [0.0, 0.0]]))

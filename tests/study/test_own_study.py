@@ -80,6 +80,7 @@ def test_a_file_is_enough(place, capsys, monkeypatch):
     assert "Table 1: Who gets ahead" in printed
     assert "4 of 4 planned episodes" in printed
     folder = place / "crowdbench-results" / "studies" / "ahead"
+    assert {path.name for path in folder.iterdir()} == {"README.md", "tables"}  # no figures
     names = {path.name for path in (folder / "tables").iterdir()}
     assert names == {"table_1.csv", "table_1.md", "table_1.tex", "claims.csv"}
     rows = list(csv.DictReader((folder / "tables" / "table_1.csv").open()))

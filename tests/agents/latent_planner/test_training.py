@@ -12,6 +12,7 @@ from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.replay import EXPERT, PLANNER
 from crowdbench_agents.learning.run import TrainingRun
+from crowdbench_agents.tdmpc.training import train as train_tdmpc
 
 import crowdbench
 
@@ -100,3 +101,11 @@ def test_states_of_the_past_are_planned_again_where_mppi_does_not_act(in_empty_f
     # 60 states in 40 steps, less those that are final or come twice
     assert 30 <= (source == PLANNER).sum() <= 60
     assert (source[-1] == EXPERT).sum() == 40, "labels of the expert stay"
+
+
+def test_plans_that_are_not_imitated_are_not_made_again(in_empty_folder, overrides):
+    changes = overrides | {"training.planning_environments": 0}
+    for begin, again in ((train, True), (train_tdmpc, False)):
+        folder = begin(f"again-{again}", steps=80, actors=0, overrides=changes)
+        source = np.load(folder / "replay" / "source.npy")
+        assert (source == PLANNER).any() == again
