@@ -162,6 +162,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     parent = document.pop("extends", None)
     document.pop("abstract", None)
     document.setdefault("name", Path(name).stem)
+    document.setdefault("description", "")  # that of what it extends tells of another world
     if parent is None:
         return document
     if not isinstance(parent, str):

@@ -110,10 +110,10 @@ def test_only_units_in_which_people_would_walk_are_offered(cleaned):
     with pytest.raises(RecordingError) as caught:
         cleaned(rows)
     told = str(caught.value)
-    assert "--unit cm" in told and "--unit mm" in told
+    assert "unit: cm" in told and "unit: mm" in told
     with pytest.raises(RecordingError) as caught:
         cleaned([(p, f, 120.0 * f, 1000.0 * p) for p in range(3) for f in range(20)])
-    assert "--unit mm" in str(caught.value) and "--unit cm" not in str(caught.value)
+    assert "unit: mm" in str(caught.value) and "unit: cm" not in str(caught.value)
 
 
 @pytest.mark.parametrize("alone", [True, False])

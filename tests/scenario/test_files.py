@@ -148,6 +148,13 @@ def test_a_file_extends_another_and_merges_section_by_section(written):
     assert scenario.pedestrians.goals == "multimodal"
 
 
+def test_a_description_is_of_its_own_file_alone(written):
+    assert load_scenario(written("extends: multimodal_fast\n", "mine.yaml")).description == ""
+    told = load_scenario(written("extends: mine.yaml\ndescription: A hall\n", "hall.yaml"))
+    assert told.description == "A hall"
+    assert load_scenario("multimodal_fast", pedestrians={"count": 3}).description
+
+
 @pytest.mark.parametrize("base", ["mine.yaml", "./mine.yaml", "sub/../mine.yaml"])
 def test_a_file_that_extends_itself_is_refused(written, tmp_path, base):
     (tmp_path / "sub").mkdir()
