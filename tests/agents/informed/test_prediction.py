@@ -193,9 +193,13 @@ def test_around_corners_people_walk_as_predicted_and_leave_at_the_end():
 
 
 def test_by_velocity_or_sampled_nobody_knows_of_stops_to_come():
-    env, _, state = begun("multimodal_fast", 900_004, pedestrians={"stops": {"share": 1.0}})
+    env, _, _ = begun("multimodal_fast", 900_004, pedestrians={"stops": {"share": 1.0}})
+    env.step({"robot_0": (0.0, 0.0)})
+    state = env.state()
+    begins, ends = state["pedestrian_stop_time"], state["pedestrian_stop_end"]
+    assert ((state["time"] < begins) & np.isfinite(begins)).all()
+    other = {**state, "pedestrian_stop_time": begins + 0.5, "pedestrian_stop_end": ends + 1.0}
     for options in ({"intent": "velocity"}, {"intent": "sampled", "futures": 2}):
-        other = {**state, "pedestrian_stop_time": np.zeros(len(state["pedestrian_stop_time"]))}
         np.testing.assert_array_equal(
             prediction(env, state, **options)[0], prediction(env, other, **options)[0]
         )
