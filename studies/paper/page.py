@@ -21,6 +21,6 @@ READING = """\
   it; of the 33,820 others it was shown that they are what they were
   ([docs/decisions.md](../docs/decisions.md)).
 - Ours and the TD-MPC-style planner search as their weights say, with fewer candidates than in the
-  paper and another score ([docs/decisions.md](../docs/decisions.md)); cards of the learned agents
-  are in [agents](../agents).
+  paper and another score ([docs/decisions_agents.md](../docs/decisions_agents.md)); cards of the
+  learned agents are in [agents](../agents).
 """
