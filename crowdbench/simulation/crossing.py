@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.people import CrowdRecording
 from crowdbench.scenario import Arena, NoRoomError, Scenario
 from crowdbench.scenario.recorded import load, origin
 from crowdbench.scenario.room import robot_radius
@@ -19,6 +18,9 @@ from crowdbench.simulation.map_layout import NoPlaceError, Places
 from crowdbench.simulation.recorded import Tracks, away, distances
 from crowdbench.simulation.traits import draw_traits
 from crowdbench.simulation.walls import walls_of
+
+if TYPE_CHECKING:
+    from crowdbench.people import CrowdRecording
 
 NEAR = 1.0
 """Somebody has to come this near to a robot's way, or nobody is crossed [m]."""

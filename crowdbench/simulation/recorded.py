@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.people import CrowdRecording
 from crowdbench.scenario.recorded import AHEAD
 from crowdbench.simulation.orca import NEIGHBOUR_DISTANCE, orca_velocities
 from crowdbench.simulation.walking import Crowd, WalkingModel
+
+if TYPE_CHECKING:
+    from crowdbench.people import CrowdRecording
 
 CATCH_UP = 0.5
 """By how much those who have left their way may exceed their recorded speed [m/s]."""

@@ -1,5 +1,8 @@
 """People who walk as recorded: synthetic recordings, replayed, crossed and refused."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from crossings import crossing, walking
@@ -218,3 +221,14 @@ def test_what_does_not_go_together_is_named(recording, changes, told):
     document = crossing(recording).model_dump()
     with pytest.raises(ScenarioError, match=told.replace("(", r"\(")):
         crowdbench.Scenario.model_validate(document).override(changes)
+
+
+def test_who_does_not_read_recordings_does_not_load_what_reads_them():
+    loaded = subprocess.run(
+        [sys.executable, "-c", "import crowdbench.simulation.env, sys; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert "crowdbench.simulation.recorded" in loaded
+    assert not {"crowdbench.people.reading", "pandas"} & set(loaded)
