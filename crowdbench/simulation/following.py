@@ -340,15 +340,20 @@ def _prefer(person, walk, period, network):  # type: ignore[no-untyped-def]
             _plan(x, y, walk, network)
             at = walk.at
     walk.at = at
-    left = person.speed * period
-    px, py = x, y
-    for k in range(at, walk.count):
-        dx, dy = walk.points[k, 0] - px, walk.points[k, 1] - py
+    px, py = further_along(walk.points, at, walk.count, x, y, person.speed * period)
+    person.preferred[0] = (px - x) / period
+    person.preferred[1] = (py - y) / period
+
+
+@compiled()
+def further_along(points, at, count, x, y, left):  # type: ignore[no-untyped-def]
+    """Where ``left`` metres from (x, y) past points ``at`` to ``count - 1`` lead."""
+    for k in range(at, count):
+        dx, dy = points[k, 0] - x, points[k, 1] - y
         distance = math.sqrt(dx * dx + dy * dy)
         share = min(1.0, left / distance) if distance > 0.0 else 1.0
-        px, py = px + share * dx, py + share * dy
+        x, y = x + share * dx, y + share * dy
         if share < 1.0:
             break
         left -= distance
-    person.preferred[0] = (px - x) / period
-    person.preferred[1] = (py - y) / period
+    return x, y

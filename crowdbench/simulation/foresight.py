@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
+from crowdbench.simulation.following import further_along
 from crowdbench.simulation.groups import keep_together
 from crowdbench.simulation.lanes import PERSON, ROBOT, WORLD
 from crowdbench.simulation.motion import limit_changes
@@ -288,16 +289,7 @@ def _lead(people, way, at, goal, waits, cores, reach, period):  # type: ignore[n
             x, y, way[p, at[p] + 1, 0], way[p, at[p] + 1, 1], cores, reach, 1.0
         ):
             at[p] += 1
-        left = person.speed * period
-        px, py = x, y
-        for k in range(at[p], last + 1):
-            dx, dy = way[p, k, 0] - px, way[p, k, 1] - py
-            distance = math.sqrt(dx * dx + dy * dy)
-            share = min(1.0, left / distance) if distance > 0.0 else 1.0
-            px, py = px + share * dx, py + share * dy
-            if share < 1.0:
-                break
-            left -= distance
+        px, py = further_along(way[p], at[p], last + 1, x, y, person.speed * period)
         person.preferred[0], person.preferred[1] = (px - x) / period, (py - y) / period
 
 
