@@ -11,6 +11,7 @@ from typing import Any
 
 from crowdbench.messages import nearest, printable, quoted, short
 from crowdbench.scenario.changes import change, merge
+from crowdbench.scenario.decided import leave_to_recording
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
 from crowdbench.scenario.recorded import through_walls
@@ -55,8 +56,8 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
         changes: nested sections (``pedestrians={"count": 12}``) or dotted keys.
 
     Raises:
-        ScenarioError: unknown name (the nearest are listed), unknown key, value out of range, or
-            a world in which not everybody fits.
+        ScenarioError: unknown name (the nearest are listed), unknown key, value out of range, one
+            that a recording decides, or a world in which not everybody fits.
     """
     if isinstance(name, Scenario):
         scenario = name.override(changes) if changes else name
@@ -65,6 +66,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     else:
         document = _scenario(str(name))
         change(document, changes)
+        leave_to_recording(document, changes, source=str(name))
         scenario = validate(document, source=str(name))
     _warn_of_passed_goals(scenario)
     if problem := through_walls(scenario):
@@ -164,13 +166,16 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     document.setdefault("name", Path(name).stem)
     document.setdefault("description", "")  # that of what it extends tells of another world
     if parent is None:
+        leave_to_recording(document, document, source=name)
         return document
     if not isinstance(parent, str):
         raise ScenarioError(
             f"{printable(path)}: extends: expected the name of a scenario, got {short(parent)}"
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
-    return merge(beneath, document)
+    merged = merge(beneath, document)
+    leave_to_recording(merged, document, source=name)
+    return merged
 
 
 def _locate(document: dict[str, Any], folder: Path) -> None:
@@ -182,10 +187,10 @@ def _locate(document: dict[str, Any], folder: Path) -> None:
     if not isinstance(people, dict):
         return
     settings = people.get("recording")
-    if isinstance(settings, str):
+    if settings and isinstance(settings, str):
         people["recording"] = str(folder / settings)
-    elif isinstance(settings, dict) and isinstance(settings.get("file"), str):
-        settings["file"] = str(folder / settings["file"])
+    elif isinstance(settings, dict) and isinstance(path := settings.get("file"), str):
+        settings["file"] = path and str(folder / path)
 
 
 def _is_file(path: Any) -> bool:

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from crowdbench.messages import Form, explain, quoted
 from crowdbench.scenario import crowd, maps, recorded, room, streams
 from crowdbench.scenario.changes import change
+from crowdbench.scenario.decided import leave_to_recording
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.fields import Positive, Section, Text, Whole
@@ -63,10 +64,11 @@ class Scenario(Section):
         """Return a copy with some fields replaced, e.g. ``{"pedestrians.count": 12}``.
 
         Raises:
-            ScenarioError: unknown field or value out of range.
+            ScenarioError: unknown field, value out of range, or one that a recording decides.
         """
         document = self.model_dump()
         change(document, changes)
+        leave_to_recording(document, changes, source=self.name)
         return validate(document, source=self.name)
 
     @model_validator(mode="before")

@@ -23,6 +23,8 @@ AHEAD = 10.0
 """How far privileged agents see into the recording [s]."""
 MOST = 500
 """People in one world."""
+HABITS = ("acceleration", "streams", "stops", "standing", "queues", "groups")
+"""Fields that say what people do beside walking to their goals; recorded ones have their own."""
 _MARGIN = 1.0
 """Of the arena around everybody's ways, and around a robot's start and goal [m]."""
 
@@ -71,7 +73,7 @@ def completed(scenario: Scenario) -> dict[str, Any]:
         raise ValueError("pedestrians.recording: missing; allowed: the path of a recording")
     if people.control != "scripted":
         raise ValueError("pedestrians.control: allowed with pedestrians.model 'recorded': scripted")
-    for field in ("acceleration", "streams", "stops", "standing", "queues", "groups"):
+    for field in HABITS:
         if getattr(people, field) != type(people).model_fields[field].default:
             raise ValueError(
                 f"pedestrians.{field}: allowed with pedestrians.model 'recorded': its default"

@@ -1,0 +1,74 @@
+"""What a recording decides, and a scenario whose people walk as recorded need not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from crowdbench.messages import quoted, short
+from crowdbench.scenario.changes import change
+from crowdbench.scenario.errors import ScenarioError
+from crowdbench.scenario.people import Pedestrians
+from crowdbench.scenario.recorded import HABITS
+from crowdbench.scenario.sections import Arena
+
+_WAYS = (
+    "count",
+    "speed",
+    "speed_mean",
+    "speed_deviation",
+    "goals",
+    "switch_probability",
+    "leg",
+    "leg_from",
+    "on_arrival",
+)
+_EXTENT = ("length", "width")
+
+
+def leave_to_recording(document: dict[str, Any], own: Mapping[str, Any], source: str) -> None:
+    """Refuse settings that would change nothing, since the recording decides them.
+
+    What is inherited is not refused: it was said of simulated people. Of it, what people do beside
+    walking to their goals is taken out of the document.
+
+    Args:
+        document: of a scenario, with everything that it inherits.
+        own: what has been set on top of that: one file's document, or changes.
+        source: of the scenario.
+
+    Raises:
+        ScenarioError: people walk as recorded, and a field is set that the recording decides.
+    """
+    people, arena = document.get("pedestrians"), document.get("arena")
+    if not isinstance(people, dict) or people.get("model") != "recorded":
+        return
+    _refuse("pedestrians", Pedestrians, (*_WAYS, *HABITS), own, source)
+    # Walls of a map, or its image, say how large it is.
+    if not isinstance(arena, dict) or arena.get("kind") != "map":
+        _refuse("arena", Arena, _EXTENT, own, source)
+    for field in HABITS:
+        people.pop(field, None)
+
+
+def _refuse(
+    section: str,
+    kind: type[BaseModel],
+    decided: tuple[str, ...],
+    own: Mapping[str, Any],
+    source: str,
+) -> None:
+    nested: dict[str, Any] = {}
+    change(nested, own)
+    settings = nested.get(section)
+    # Who gives every field has copied a scenario as it is, and sets none in particular.
+    if not isinstance(settings, dict) or settings.keys() >= kind.model_fields.keys():
+        return
+    for field in decided:
+        if field in settings:
+            raise ScenarioError(
+                f"scenario {quoted(source)}: {section}.{field}: {short(settings[field])}; the "
+                "recording decides it; allowed with pedestrians.model 'recorded': to leave it out"
+            )
