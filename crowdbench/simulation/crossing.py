@@ -102,13 +102,13 @@ def place_crossing(scenario: Scenario, seed: int, places: Places | None) -> Layo
             draw_traits(scenario.pedestrians, seed),
             tracks,
         )
-    how, fields = "from robots.start to robots.goal", "robots.start and robots.goal"
+    how, fields = "from robots.start to robots.goal", "robots.start or robots.goal"
     if places is None:
         route = scenario.pedestrians.recording.route
         how, fields = f"{route} its main direction", "robots.travel or pedestrians.recording.route"
     raise NoRoomError(
         f"scenario {scenario.name!r}: recording {recording.name!r} cannot be crossed {how} with "
-        f"seed {seed}: {problem} in {_ATTEMPTS} draws; use another recording, {fields}",
+        f"seed {seed}: {problem} in {_ATTEMPTS} draws; change pedestrians.recording, {fields}",
         seed,
     )
 
