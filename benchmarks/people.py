@@ -5,9 +5,11 @@
 
 Everybody enters where and when recorded, wants to walk the recorded way at the speed that it was
 walked with where nobody was near, and is moved by the walking model among the recording's walls.
-Both crowds are measured alike (``crowdbench.people.likeness``). The distance between two
-distributions is the earth mover's; its interval comes from blocks of five seconds, drawn again. As
-a yardstick, the first half of the recording is compared with its second.
+Who stands wants to be where recorded, and is moved by the model like everybody else. Both crowds
+are measured alike (``crowdbench.people.likeness``). The distance between two distributions is the
+earth mover's; its interval comes from blocks of five seconds, drawn again. As a yardstick, the
+first half of the recording is compared with its second. Of files that do not all lack the same
+units, save those that lack any first (``crowdbench people FILE --unit cm --fps 16 --save``).
 
 ``--models jupedsim:collision_free_speed`` (or ``anticipation_velocity``) lets a model of JuPedSim
 (https://www.jupedsim.org) walk the same. ``--fit`` tries ``FIELDS``, those of a scenario that the
@@ -17,8 +19,8 @@ models follow, on every other recording, and says how the best do on those betwe
 from __future__ import annotations
 
 import argparse
+import importlib
 import time
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,6 +48,8 @@ LEAST = 5
 """Steps in which somebody has to be that free for a speed of one's own."""
 SLOWEST = 0.3
 """Preferred speeds are not below this [m/s]."""
+STANDS = 1.0
+"""Who is not this far from where the way began when it ends stands [m]."""
 LEAVES = 0.4
 """Who is this near to the end of the way is gone [m]."""
 PATIENCE = 2.0
@@ -53,22 +57,25 @@ PATIENCE = 2.0
 
 
 class Ways:
-    """The recorded ways, for people who are to walk them again."""
+    """The recorded ways, for people who are to walk them again.
+
+    Attributes:
+        recorded: everybody at the steps of the simulation.
+        ways: of each person, all places (n, 2) [m].
+        begin: of each [s].
+        duration: of each [s].
+        stands: (P,) who does not get ``STANDS`` far.
+        speed: (P,) preferred [m/s].
+    """
 
     def __init__(self, recording: CrowdRecording) -> None:
-        """Take all tracks of a metre and more."""
-        begins, ends = recording.starts[:-1], recording.starts[1:]
-        self.ways, self.begin, self.duration = [], [], []
-        kept = []
-        for track, (first, last) in enumerate(zip(begins.tolist(), ends.tolist(), strict=True)):
-            places = recording.positions[first:last]
-            if np.linalg.norm(places[-1] - places[0]) < 1.0:
-                continue
-            kept.append(track)
-            self.ways.append(places)
-            self.begin.append(float(recording.begins[track]))
-            self.duration.append(float(recording.ends[track] - recording.begins[track]))
-        self.speed = free_speeds(recorded(recording))[kept]
+        """Take all tracks."""
+        self.recorded = recorded(recording)
+        self.ways = np.split(recording.positions, recording.starts[1:-1])
+        self.begin = recording.begins.tolist()
+        self.duration = (recording.ends - recording.begins).tolist()
+        self.stands = np.array([np.linalg.norm(way[-1] - way[0]) < STANDS for way in self.ways])
+        self.speed = free_speeds(self.recorded)
 
     def aim(self, person: int, place: FloatArray, passed: int) -> tuple[int, FloatArray]:
         """The row of the way that has been passed, and the first ``LOOK_AHEAD`` away after it."""
@@ -77,6 +84,14 @@ class Ways:
         passed += int(np.argmin(((ahead - place) ** 2).sum(axis=1)))
         far = ((way[passed:] - place) ** 2).sum(axis=1) >= LOOK_AHEAD**2
         return passed, way[passed + int(far.argmax())] if far.any() else way[-1]
+
+    def over(self, person: int, place: FloatArray, step: int) -> bool:
+        """Whether somebody at a place has to leave in a step."""
+        if self.stands[person]:
+            return not np.isfinite(self.recorded.position[step, person, 0])
+        end = self.begin[person] + PATIENCE * self.duration[person] + 5.0
+        near = np.linalg.norm(place - self.ways[person][-1]) < LEAVES
+        return bool(near or step * PERIOD > end)
 
 
 def free_speeds(real: Frames) -> FloatArray:
@@ -123,8 +138,9 @@ AS_USUAL = Fields()
 class ByModel:
     """People who are moved by one of crowdbench's walking models."""
 
-    def __init__(self, recording: CrowdRecording, name: str, fields: Fields, count: int) -> None:
+    def __init__(self, recording: CrowdRecording, name: str, fields: Fields) -> None:
         """Nobody is there."""
+        count = len(recording.people)
         self._model, self._fields, self._walls = WALKING_MODELS[name](), fields, recording.segments
         self.place, self._velocity = np.zeros((count, 2)), np.zeros((count, 2))
         self._speed = np.zeros(count)
@@ -169,67 +185,6 @@ class ByModel:
         self.place[there] += PERIOD * after
 
 
-class ByJuPedSim:
-    """People who are moved by a model of JuPedSim, with the parameters that it has by default."""
-
-    def __init__(self, recording: CrowdRecording, name: str, fields: Fields, count: int) -> None:
-        """Nobody is there."""
-        import jupedsim
-        import shapely
-
-        models: dict[str, tuple[Callable[[], Any], Callable[..., Any]]] = {
-            "collision_free_speed": (
-                jupedsim.CollisionFreeSpeedModelV2,
-                jupedsim.CollisionFreeSpeedModelV2AgentParameters,
-            ),
-            "anticipation_velocity": (
-                lambda: jupedsim.AnticipationVelocityModel(rng_seed=0),
-                jupedsim.AnticipationVelocityModelAgentParameters,
-            ),
-        }
-        model, self._parameters = models[name]
-        low, high = (np.asarray(end).tolist() for end in recording.extent)
-        area = shapely.box(*low, *high).buffer(2.0)
-        if recording.walls:
-            outline, *holes = sorted(map(shapely.Polygon, recording.walls), key=lambda s: -s.area)
-            area = outline.difference(shapely.union_all(holes))
-        self._simulation = jupedsim.Simulation(model=model(), geometry=area)
-        self._stage = self._simulation.add_direct_steering_stage()
-        self._journey = self._simulation.add_journey(jupedsim.JourneyDescription([self._stage]))
-        self._agents: dict[int, int] = {}
-        self._radius = fields.radius
-        self.place = np.zeros((count, 2))
-
-    def enter(self, person: int, place: FloatArray, ahead: FloatArray, speed: float) -> bool:
-        """Somebody appears; false where others or walls are too near."""
-        try:
-            self._agents[person] = self._simulation.add_agent(
-                self._parameters(
-                    position=tuple(place.tolist()),
-                    desired_speed=speed,
-                    radius=self._radius,
-                    journey_id=self._journey,
-                    stage_id=self._stage,
-                )
-            )
-        except RuntimeError:
-            return False
-        self.place[person] = place
-        return True
-
-    def leave(self, person: int) -> None:
-        """Somebody is gone."""
-        self._simulation.mark_agent_for_removal(self._agents.pop(person))
-
-    def walk(self, there: NDArray[np.int64], goal: FloatArray, time: float) -> None:
-        """Move those who are there towards their goals, for a period."""
-        agents = [self._simulation.agent(self._agents[p]) for p in there.tolist()]
-        for agent, target in zip(agents, goal.tolist(), strict=True):
-            agent.target = tuple(target)
-        self._simulation.iterate(round(PERIOD / self._simulation.delta_time()))
-        self.place[there] = [self._simulation.agent(self._agents[p]).position for p in there]
-
-
 class Simulated(NamedTuple):
     """People who have walked.
 
@@ -247,32 +202,45 @@ class Simulated(NamedTuple):
 def simulated(recording: CrowdRecording, name: str, fields: Fields = AS_USUAL) -> Simulated:
     """The same people, moved by a walking model."""
     ways = Ways(recording)
-    steps, count = int(recording.duration / PERIOD) + 1, len(ways.ways)
-    package, _, model = name.rpartition(":")
-    people = (ByJuPedSim if package else ByModel)(recording, model, fields, count)
+    steps, count = ways.recorded.position.shape[:2]
+    people = _walkers(recording, name, fields)
     position = np.full((steps, count, 2), np.nan)
     passed, goal = [0] * count, np.zeros((count, 2))
     state = np.zeros(count, dtype=np.int64)  # not yet, there, gone
     spent = 0.0
     for step in range(steps):
         now = step * PERIOD
+        places = ways.recorded.position[step]
         for p in range(count):
-            way, end = ways.ways[p], ways.begin[p] + PATIENCE * ways.duration[p] + 5.0
-            if state[p] == 0 and ways.begin[p] <= now <= ways.begin[p] + ways.duration[p]:
-                ahead = way[min(5, len(way) - 1)] - way[0]
+            way = ways.ways[p]
+            if state[p] == 0 and np.isfinite(places[p, 0]):
+                ahead = np.zeros(2) if ways.stands[p] else way[min(5, len(way) - 1)] - way[0]
                 state[p] = people.enter(p, way[0], ahead, float(ways.speed[p]))
-            if state[p] == 1 and (np.linalg.norm(people.place[p] - way[-1]) < LEAVES or now > end):
+            if state[p] == 1 and ways.over(p, people.place[p], step):
                 state[p] = 2
                 people.leave(p)
         there = np.flatnonzero(state == 1)
         position[step, there] = people.place[there]
         for p in there.tolist():
-            passed[p], goal[p] = ways.aim(p, people.place[p], passed[p])
+            if ways.stands[p]:
+                goal[p] = places[p]
+            else:
+                passed[p], goal[p] = ways.aim(p, people.place[p], passed[p])
         if len(there):
             before = time.process_time()
             people.walk(there, goal[there], now)
             spent += time.process_time() - before
     return Simulated(Frames(position, PERIOD), spent / steps, int((state == 0).sum()))
+
+
+def _walkers(recording: CrowdRecording, name: str, fields: Fields) -> Any:
+    """What moves people: one of crowdbench's walking models, or one of JuPedSim."""
+    package, _, model = name.rpartition(":")
+    if package == "jupedsim":
+        # By name, since files of this folder are no package; here, since few have JuPedSim.
+        models = importlib.import_module("jupedsim_people")
+        return models.ByJuPedSim(recording, model, fields.radius, PERIOD)
+    return ByModel(recording, name, fields)
 
 
 def preferred(offset: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -380,8 +348,9 @@ def main() -> None:
             cells = (f"{d:.2f} [{low:.2f}, {high:.2f}]" for d, low, high in row.values())
             print(f"| {name} | " + " | ".join(cells) + " |")
         for name, crowd in crowds.items():
+            far = f"mismatch {mismatch(real, crowd.frames):.2f}"
             cost = f"{1000 * crowd.step:.2f} ms of processor time a step"
-            print(f"\n{name}: {cost}, {crowd.missed} people never got in")
+            print(f"\n{name}: {far}, {cost}, {crowd.missed} people never got in")
         frames = {name: crowd.frames for name, crowd in crowds.items()}
         panels[path.stem] = {"recorded": real, **frames}
     if options.figure:

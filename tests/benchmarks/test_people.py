@@ -56,6 +56,25 @@ def test_simulated_people_keep_to_the_fields(benchmark, recording, limit):
     assert (np.nanmax(change) <= 0.02 + 1e-9) == (limit == 0.02)
 
 
+@pytest.mark.parametrize("model", ["orca", "social_force"])
+def test_who_stands_is_there_as_long_as_recorded_and_in_the_way(benchmark, tmp_path, model):
+    path = tmp_path / "walk.csv"
+    rows = [f"9,{0.4 * k:.1f},0.0,{0.05 * (k % 2)}" for k in range(41)]  # 16 s, in the way of 0, 2
+    path.write_text(walking(persons=4) + "\n".join(rows) + "\n")
+    recording = read_recording(path)
+    real, found = benchmark.recorded(recording), benchmark.simulated(recording, model)
+    stands = recording.people.tolist().index(9)
+    there = np.isfinite(found.frames.position[:, stands, 0])
+    assert there.tolist() == np.isfinite(real.position[:, stands, 0]).tolist()
+    assert np.nanmax(np.linalg.norm(found.frames.position[:, stands], axis=1)) < 1.0
+    # Recorded ones walk through that place; those of a model do not walk through somebody.
+    apart = [
+        np.nanmin(np.linalg.norm(frames.position[:, 0] - frames.position[:, stands], axis=1))
+        for frames in (real, found.frames)
+    ]
+    assert apart[0] < 0.2 < apart[1]
+
+
 def test_fields_are_chosen_on_every_other_recording(benchmark, recording, capsys, monkeypatch):
     usual, other = benchmark.AS_USUAL, benchmark.Fields(0.25, 2.4)
     monkeypatch.setattr(benchmark, "FIELDS", [usual, other])
