@@ -13,17 +13,23 @@ from crowdbench.simulation.walking import Crowd
 
 def come_and_go(s: State, lane: int, episode: Episode) -> None:
     """Let a lane's recorded people appear and leave, at the end of a control period."""
-    people, robots = s.people[lane], s.robots[lane]
+    people = s.people[lane, : episode.prepared.scenario.pedestrians.count]
+    robots = s.robots[lane]
     assert isinstance(episode.model, Recorded)
     tracks = episode.model.tracks
     step = round(float(s.worlds["time"][lane]) / episode.prepared.scenario.control_period)
     in_scene = robots["pose"][robots["active"], :2]
-    present = episode.model.present(crowd_of(s, lane, episode), in_scene, step)
+    reach = float(episode.prepared.world["robot_radius"]) + people["radius"]
+    present = episode.model.present(people["present"], reach, in_scene, step)
+    changed = np.flatnonzero(present != people["present"]).tolist()
+    if not changed:
+        return
     places = np.where(present[:, None], tracks.at(step), away(len(present)))
-    for p in np.flatnonzero(present != people["present"][: len(present)]).tolist():
+    velocity = tracks.velocity(step)
+    for p in changed:
         people["present"][p] = present[p]
         people["position"][p] = places[p]
-        people["velocity"][p] = tracks.velocity(step)[p] if present[p] else 0.0
+        people["velocity"][p] = velocity[p] if present[p] else 0.0
         episode.bodies.place(p, *places[p].tolist())
 
 

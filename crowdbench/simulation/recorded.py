@@ -82,7 +82,8 @@ class Tracks:
 
     def velocity(self, step: int) -> NDArray[np.float64]:
         """(P, 2) to the next control period, 0 for those who are not there then [m/s]."""
-        return np.nan_to_num((self.at(step + 1) - self.at(step)) / self.period)
+        velocity = (self.at(step + 1) - self.at(step)) / self.period
+        return np.where(np.isnan(velocity), 0.0, velocity)
 
     def ahead(self, step: int) -> NDArray[np.float64]:
         """(AHEAD / period, P, 2) where everybody will be in the control periods to come [m]."""
@@ -133,13 +134,20 @@ class Recorded(WalkingModel):
         self.tracks = tracks
         self.held = np.zeros(tracks.position.shape[1], dtype=np.bool_)
 
-    def present(self, crowd: Crowd, robots: NDArray[np.float64], step: int) -> NDArray[np.bool_]:
+    def present(
+        self,
+        before: NDArray[np.bool_],
+        reach: NDArray[np.float64],
+        robots: NDArray[np.float64],
+        step: int,
+    ) -> NDArray[np.bool_]:
         """(P,) who is there in a control period.
 
         Whoever would appear on top of a robot is held back until it has gone on.
 
         Args:
-            crowd: the people so far.
+            before: (P,) who is there so far.
+            reach: (P,) distance to a robot at which they touch [m].
             robots: (A, 2) places of those that are still in the scene [m].
             step: the control period.
         """
@@ -147,7 +155,7 @@ class Recorded(WalkingModel):
         there = np.isfinite(places[:, 0])
         if len(robots):
             gaps = distances(places, robots).min(axis=1)
-            blocked = there & ~crowd.present & (gaps <= crowd.robot_radius + crowd.radius)
+            blocked = there & ~before & (gaps <= reach)
             self.held |= blocked
             there &= ~blocked
         return there
@@ -156,17 +164,16 @@ class Recorded(WalkingModel):
         """Lead everybody to where the recording has them next."""
         step = round(time / crowd.period)
         velocities = self.tracks.velocity(step)
-        following = self.tracks.at(step + 1)
+        places, following = self.tracks.at(step), self.tracks.at(step + 1)
         moving = crowd.present & np.isfinite(following[:, 0])
         wanted = np.where(moving[:, None], (following - crowd.position) / crowd.period, 0.0)
         speed = np.sqrt((velocities * velocities).sum(axis=1))
-        for p in np.flatnonzero(moving).tolist():
-            off = np.abs(crowd.position[p] - self.tracks.at(step)[p]).max() > 1e-6
-            if off:
-                wanted[p] = _at_most(wanted[p], speed[p] + CATCH_UP)
-            near = distances(crowd.position[p : p + 1], crowd.robot_position) <= NEIGHBOUR_DISTANCE
-            if (crowd.sees_robot[p] & near).any():
-                wanted[p] = _evading(crowd, p, wanted[p], max(speed[p], CATCH_UP) + CATCH_UP)
+        off = moving & (np.abs(crowd.position - places).max(axis=1) > 1e-6)
+        for p in np.flatnonzero(off).tolist():
+            wanted[p] = _at_most(wanted[p], speed[p] + CATCH_UP)
+        near = distances(crowd.position, crowd.robot_position) <= NEIGHBOUR_DISTANCE
+        for p in np.flatnonzero(moving & (crowd.sees_robot & near).any(axis=1)).tolist():
+            wanted[p] = _evading(crowd, p, wanted[p], max(speed[p], CATCH_UP) + CATCH_UP)
         return wanted
 
 

@@ -150,17 +150,16 @@ def test_nobody_appears_on_top_of_a_robot():
     track[3:, 0] = [0.3, 0.0]
     track[2:, 1] = [5.0, 0.0]
     robot = np.zeros((1, 2))
-    model, crowd = follower(track, robot[0])
-    absent = crowd(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2, bool))
-    assert [model.present(absent, robot, step).tolist() for step in (1, 2, 3)] == [
+    model, _ = follower(track, robot[0])
+    absent, reach = np.zeros(2, bool), np.full(2, 0.5)
+    assert [model.present(absent, reach, robot, step).tolist() for step in (1, 2, 3)] == [
         [False, False], [False, True], [False, True],
     ]  # fmt: skip
     assert model.held.tolist() == [True, False]
-    assert model.present(absent, np.array([[0.0, 2.0]]), 4).all()
-    assert model.present(absent, np.empty((0, 2)), 4).all()
+    assert model.present(absent, reach, np.array([[0.0, 2.0]]), 4).all()
+    assert model.present(absent, reach, np.empty((0, 2)), 4).all()
     # Who is there already stays, however near the robot is.
-    there = crowd(np.zeros((2, 2)), np.zeros((2, 2)))
-    assert model.present(there, robot, 4).all()
+    assert model.present(~absent, reach, robot, 4).all()
 
 
 @pytest.mark.parametrize("leaves", [False, True])
