@@ -1,8 +1,7 @@
-"""Recordings that pedpy reads: of the Juelich archive, as text or HDF5, and of JuPedSim."""
+"""Recordings that pedpy reads: HDF5 of the Juelich archive, and SQLite of JuPedSim."""
 
 from __future__ import annotations
 
-import re
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -14,60 +13,15 @@ import numpy as np
 import pandas as pd
 
 from crowdbench.messages import brief
-from crowdbench.people.cleaning import UNITS, Rows
+from crowdbench.people.cleaning import Rows
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import FloatArray
 from crowdbench.people.stated import Stated, settle
-from crowdbench.people.table import require_numbers, require_whole_end, whole
-
-PETRACK = {"id": 0, "frame": 1, "x": 2, "y": 3}
-"""Where the columns of that text are; height or more may follow."""
+from crowdbench.people.table import whole
 
 _DAMAGE = (
     OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError
 )  # fmt: skip
-
-
-def read_petrack(path: Path, given: Stated) -> Rows:
-    """Text with the columns id, frame, x, y, and comments that may say unit and frame rate.
-
-    Raises:
-        RecordingError: see ``read_recording``.
-    """
-    pedpy = _pedpy(path)
-    require_whole_end(path)
-    unit, fps = settle(path, petrack_header(path), given)
-    assert unit is not None and fps is not None
-    known = pedpy.TrajectoryUnit.CENTIMETER if unit == "cm" else pedpy.TrajectoryUnit.METER
-    try:
-        data = pedpy.load_trajectory(
-            trajectory_file=path, default_frame_rate=fps, default_unit=known
-        )
-    except OverflowError as error:
-        raise RecordingError(f"{path}: an id or frame is 2^63 or more") from error
-    except (ValueError, TypeError) as error:
-        require_numbers(path, PETRACK, None)
-        raise RecordingError(f"{path}: {brief(error)}") from error
-    table = data.data[["id", "frame", "x", "y"]]
-    if table[["x", "y"]].isna().to_numpy().any():
-        require_numbers(path, PETRACK, None)
-    if unit == "mm":  # which pedpy does not know
-        table = table.assign(x=table["x"] / UNITS["mm"], y=table["y"] / UNITS["mm"])
-    return _rows(path, f"PeTrack text in {unit}", table, float(data.frame_rate), (), unit)
-
-
-def petrack_header(path: Path) -> Stated:
-    """What the comments say that such a text begins with."""
-    unit = fps = None
-    with path.open(encoding="utf-8-sig") as file:
-        for line in file:
-            if not line.startswith("#"):
-                break
-            rate = re.search(r"framerate\D*?(\d+(?:\.\d+)?)", line)
-            fps = float(rate[1]) if rate and fps is None else fps
-            named = re.search(r"(?:\bx/|\bin )(mm|cm|m)\b", line.lower())
-            unit = named[1] if named else unit
-    return Stated(unit, fps)
 
 
 def read_hdf5(path: Path, given: Stated) -> Rows:
@@ -140,8 +94,7 @@ def _rows(
     kind: str,
     table: pd.DataFrame,
     fps: float,
-    walls: tuple[FloatArray, ...] = (),
-    unit: str = "m",
+    walls: tuple[FloatArray, ...],
 ) -> Rows:
     """Rows of a table with the columns id, frame, and x and y in metres."""
     frames = whole(path, table["frame"], "frame")
@@ -152,7 +105,6 @@ def _rows(
         table[["x", "y"]].to_numpy(),
         frames,
         walls,
-        unit,
     )
 
 

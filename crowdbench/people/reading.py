@@ -71,10 +71,10 @@ def _read(path: Path, head: bytes, given: Stated) -> CrowdRecording:
     if first.startswith("{"):
         return clean(path, text.read_trajnet(path, given))
     # PeTrack may write as many, and says what they are.
-    if columns == len(text.OBSMAT) and archive.petrack_header(path) == Stated(None, None):
+    if columns == len(text.OBSMAT) and text.petrack_header(path) == Stated(None, None):
         return clean(path, text.read_obsmat(path, given))
-    if columns >= len(archive.PETRACK):
-        return clean(path, archive.read_petrack(path, given))
+    if columns >= len(text.PETRACK):
+        return clean(path, text.read_petrack(path, given))
     if text.csv_separator(first):
         return clean(path, text.read_csv(path, given))
     raise _unknown(path)

@@ -50,7 +50,8 @@ def read_numbers(path: Path, places: Mapping[str, int], separator: str | None) -
         separator: None for white space, and no line with names.
 
     Raises:
-        RecordingError: a line lacks a number, the first one is named.
+        RecordingError: a line lacks a number, or a whole one in a column of ``WHOLE``; the first
+            one is named.
     """
     names = sorted(places, key=lambda name: places[name])
     try:
@@ -70,7 +71,8 @@ def read_numbers(path: Path, places: Mapping[str, int], separator: str | None) -
     except ValueError as error:
         require_numbers(path, places, separator)
         raise RecordingError(f"{path}: {brief(error)}") from error
-    if not np.isfinite(table.to_numpy()).all():
+    numbers = table[[name for name in names if name in WHOLE]].to_numpy()
+    if not np.isfinite(table.to_numpy()).all() or (numbers % 1 != 0).any():
         require_numbers(path, places, separator)
     return table
 
@@ -127,5 +129,7 @@ def whole(path: Path, values: pd.Series, name: str) -> IntArray:
         numbers = array.astype(np.int64)
     wrong = numbers != array
     if wrong.any():
-        raise RecordingError(f"{path}: {name} {array[np.argmax(wrong)]:g} is no whole number")
+        raise RecordingError(
+            f"{path}: {name} {array[np.argmax(wrong)]:g} is no whole number below 2^63"
+        )
     return numbers

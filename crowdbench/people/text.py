@@ -1,4 +1,4 @@
-"""Recordings that are text: obsmat of ETH and UCY, TrajNet++ and CSV."""
+"""Recordings that are text: PeTrack, obsmat of ETH and UCY, TrajNet++ and CSV."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from crowdbench.people.errors import RecordingError
 from crowdbench.people.stated import Stated, settle
 from crowdbench.people.table import is_number, lines, read_numbers, require_whole_end, whole
 
+PETRACK = {"id": 0, "frame": 1, "x": 2, "y": 3}
+"""Where the columns of that text are; height or more may follow."""
 OBSMAT = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
 """Columns of that format."""
 
@@ -28,6 +30,41 @@ _NAMES = {
     "y": rf"y{_UNIT}",
 }
 """What the columns of a CSV may be called, in whatever case."""
+
+
+def read_petrack(path: Path, given: Stated) -> Rows:
+    """Text with the columns id, frame, x, y, and comments that may say unit and frame rate.
+
+    Raises:
+        RecordingError: see ``read_recording``.
+    """
+    require_whole_end(path)
+    unit, fps = settle(path, petrack_header(path), given)
+    assert unit is not None and fps is not None
+    table = read_numbers(path, PETRACK, None)
+    frames = whole(path, table["frame"], "frame")
+    return Rows(
+        f"PeTrack text in {unit}, {fps:g} frames a second",
+        whole(path, table["id"], "id"),
+        frames / fps,
+        table[["x", "y"]].to_numpy() / UNITS[unit],
+        frames,
+        unit=unit,
+    )
+
+
+def petrack_header(path: Path) -> Stated:
+    """What the comments say that such a text begins with."""
+    unit = fps = None
+    with path.open(encoding="utf-8-sig") as file:
+        for line in file:
+            if not line.startswith("#"):
+                break
+            rate = re.search(r"framerate\D*?(\d+(?:\.\d+)?)", line)
+            fps = float(rate[1]) if rate and fps is None else fps
+            named = re.search(r"(?:\bx/|\bin )(mm|cm|m)\b", line.lower())
+            unit = named[1] if named else unit
+    return Stated(unit, fps)
 
 
 def read_obsmat(path: Path, given: Stated) -> Rows:
