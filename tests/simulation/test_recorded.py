@@ -79,12 +79,12 @@ def follower(position, robot, sees=True):
     model.follow(Tracks(position, 0.2, begin=0.0))
     count = position.shape[1]
 
-    def crowd(places, velocity, present=None):
+    def crowd(places, velocity):
         return Crowd(
             position=places, velocity=velocity, heading=np.zeros(count), goal=position[-1],
             preferred_speed=np.ones(count), preferred_velocity=velocity,
             radius=np.full(count, 0.25),
-            present=np.ones(count, bool) if present is None else present,
+            present=np.ones(count, bool),
             sees_robot=np.full((count, 1), sees), robot_position=np.array([robot], float),
             robot_velocity=np.zeros((1, 2)), robot_radius=0.25, responsibility=1.0,
             obstacles=np.empty((0, 3)), walls=np.empty((0, 4)), period=0.2,
