@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from crowdbench.messages import short
 from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
 from crowdbench.scenario.streams import MOST_STREAMS
@@ -242,14 +244,32 @@ def checked_action(name: str, action: Any) -> NDArray[np.float64]:
         ValueError: not two finite numbers; the message names the agent.
     """
     try:
-        array = np.asarray(action, dtype=np.float64)
+        array = as_numbers(action)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"action of agent {name!r}: {action!r} is not numeric") from error
+        raise ValueError(f"action of agent {name!r}: {short(action)} is not numeric") from error
     if array.shape != (2,):
         raise ValueError(f"action of agent {name!r}: expected shape (2,), got {array.shape}")
     if not (math.isfinite(array[0]) and math.isfinite(array[1])):
         raise ValueError(f"action of agent {name!r}: expected finite numbers, got {array}")
     return array
+
+
+def as_numbers(value: Any) -> NDArray[np.float64]:
+    """A copy as an array; truth values count as 0 and 1, and text never as the number it names.
+
+    Raises:
+        TypeError, ValueError: no array, or not one of real numbers.
+    """
+    array = np.asarray(value)
+    # NumPy would read text, count dates, and leave imaginary parts out.
+    kind = array.dtype.kind
+    real = kind == "O" and all(isinstance(item, numbers.Real) for item in array.flat)
+    if kind not in "biuf" and not real:
+        raise TypeError("not numeric")
+    try:
+        return np.array(value, dtype=np.float64)
+    except OverflowError as error:
+        raise ValueError(str(error)) from error
 
 
 def _unbounded(*shape: int) -> spaces.Box:
