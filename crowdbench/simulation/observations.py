@@ -1,4 +1,4 @@
-"""The border of the world: observations, the state, actions as they come in, and their spaces."""
+"""The border of the world: observations, the state, actions as they come in, results, spaces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from crowdbench.scenario.recorded import AHEAD
 from crowdbench.scenario.streams import MOST_STREAMS
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
-from crowdbench.simulation.lanes import POINTS
+from crowdbench.simulation.lanes import OUTCOMES, POINTS, RUNNING, TERMS, TIMEOUT
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.walls import walls_of
@@ -212,6 +212,35 @@ def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, d
             "pedestrians": (np.delete(crowd, p, axis=0) - crowd[p]).astype(np.float32),
         }
     return seen
+
+
+def results(
+    world: World, robots: Mapping[str, int], late: bool
+) -> tuple[dict[str, float], dict[str, bool], dict[str, bool], dict[str, Any]]:
+    """Rewards, terminations, truncations and infos of the robots that have acted.
+
+    Args:
+        world: after the step, judged.
+        robots: their places by name.
+        late: the time is up.
+    """
+    rewards: dict[str, float] = {}
+    terminations: dict[str, bool] = {}
+    truncations: dict[str, bool] = {}
+    infos: dict[str, Any] = {}
+    contacts = world.contacts
+    for name, r in robots.items():
+        outcome = int(world.outcome[r])
+        terminations[name] = outcome != RUNNING
+        truncations[name] = late and outcome == RUNNING
+        by_name = dict(zip(TERMS, world.terms[r].tolist(), strict=True))
+        rewards[name] = float(sum(by_name.values()))
+        infos[name] = {
+            "outcome": OUTCOMES[TIMEOUT if truncations[name] else outcome],
+            "reward_terms": by_name,
+            "contact": contacts.get(r),
+        }
+    return rewards, terminations, truncations, infos
 
 
 def read_actions(
