@@ -238,6 +238,28 @@ def find_agent(name: str) -> type[Agent]:
     raise AgentError(f"unknown agent {quoted(name)}{nearest(name, agent_names())}")
 
 
+def code_version(name: str, version: str | None = None) -> str:
+    """Hash of the file of a ``file.py:Class`` agent, else the distribution that brings it.
+
+    Args:
+        name: of the agent.
+        version: in place of that of the distribution.
+
+    Raises:
+        AgentError: the file is gone.
+    """
+    path = name.partition(":")[0]
+    if path.endswith(".py"):
+        try:
+            return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]
+        except OSError as error:
+            raise AgentError(f"agent file {short(path)}: {error.strerror}") from error
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if point.name == name and point.dist is not None:
+            return f"{point.dist.name} {version or point.dist.version}"
+    return ""
+
+
 def _from_file(path: Path, class_name: str) -> type[Agent]:
     if not _is_file(path):
         raise AgentError(f"agent file {quoted(str(path))} does not exist")

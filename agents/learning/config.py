@@ -167,7 +167,7 @@ class Training(_Section):
     detour_price: NonNegative = Field(
         0.0,
         description="taken off the environment's rewards for each metre driven beyond the metres "
-        "gained towards the goal",
+        "gained towards the goal; 0 where a map is trained in",
     )
     reward_scale: Positive = Field(1.0, description="factor on these rewards")
     learning_rate_model: Positive = Field(1e-4, description="encoder and dynamics")

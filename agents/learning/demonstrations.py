@@ -7,6 +7,7 @@ collisions come about. What is kept as the reference to imitate is the action wi
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +25,8 @@ from crowdbench_agents.learning.shared import FileLock
 from numpy.typing import NDArray
 
 import crowdbench
+from crowdbench.agent import code_version
+from crowdbench.simulation import WORLD_VERSION
 
 LANES = 8
 LOOK = 1.0  # between looks whether another run has recorded all [s]
@@ -51,6 +54,9 @@ def open_replay(folder: Path, config: Config, robot: crowdbench.RobotSpec, socia
 class Demonstrations(Replay):
     """Demonstrations of all runs in a folder: some for each expert, number, map and scenarios.
 
+    A folder's name tells them apart; what the expert does, its weights, the scenarios and the
+    world's version are in its last part as a digest.
+
     Args:
         runs: the folder of all runs, in which they are kept.
         config: all settings.
@@ -64,7 +70,7 @@ class Demonstrations(Replay):
         settings = config.training
         self._expert, self._wanted = settings.expert, settings.demonstrations
         self._geometry = config.perception.geometry
-        digest = joint_digest(scenario_digests(TRAINING_SCENARIOS))
+        digest = _digest(self._expert)
         seen = config.perception
         map_ = f"{seen.cells}x{seen.size:g}m-{seen.ahead:g}m"
         self._folder = runs / f"demonstrations-{self._expert}-{self._wanted}-{map_}-{digest}"
@@ -123,6 +129,19 @@ class Demonstrations(Replay):
             begin(np.flatnonzero(result.over))
             progress(len(self))
         self.mark_episode_ends(everywhere)
+
+
+def _digest(expert: str) -> str:
+    """12 hex digits that change whenever the expert, a scenario or the world does."""
+    spec = crowdbench.AgentSpec.parse(expert)
+    agent = spec.make()
+    parts = (
+        code_version(spec.name, agent.version),
+        agent.weights_sha256,
+        WORLD_VERSION,
+        joint_digest(scenario_digests(TRAINING_SCENARIOS)),
+    )
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 
 def _episodes(begun: int) -> Iterator[tuple[str, int]]:

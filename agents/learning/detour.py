@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from crowdbench_agents.learning.errors import TrainingError
 from numpy.typing import NDArray
+
+import crowdbench
 
 
 class Detour(NamedTuple):
@@ -29,6 +33,24 @@ class Detour(NamedTuple):
         driven = np.abs(velocity[1:, :, 0]) * self.period  # observed after the step
         gained = -np.diff(np.linalg.norm(goal, axis=-1), axis=0)
         return np.float32(self.metre) * (driven - gained)
+
+
+def require_straight_ways(price: float, scenarios: Iterable[str]) -> None:
+    """Refuse a price of detours where the goal that is observed is not the end of the way.
+
+    Args:
+        price: of a metre.
+        scenarios: names of those that are trained in.
+
+    Raises:
+        TrainingError: there is a price, and one of them has a map.
+    """
+    for name in scenarios if price else ():
+        if crowdbench.load_scenario(name).arena.kind == "map":
+            raise TrainingError(
+                f"training.detour_price: {price:g}; allowed: 0 where {name!r} is trained in, since "
+                "on a map the way to the goal is not straight"
+            )
 
 
 FREE = Detour(metre=0.0, period=0.0)

@@ -34,7 +34,7 @@ class Experts:
         """Start anew in those lanes, of any, whose episodes begin."""
         for index in which:
             if index in self._agents:
-                self._agents[index].reset(self._lanes.env.robot, seed=0)
+                self._agents[index].reset(self._lanes.robot(index), seed=0)
 
     def labels(self) -> NDArray[np.float32]:
         """(M, 2) actions in [-1, 1]; to be asked once a step, as experts may track people."""

@@ -59,10 +59,12 @@ class Lanes:
         self.env = crowdbench.vector_env(
             list(scenarios), count, autoreset_mode="Disabled", obstacle_map=geometry
         )
+        self._robots = [crowdbench.RobotSpec.from_scenario(one) for one in self.env.scenarios]
         self.bounds = ActionBounds.of(self.env.robot)
         self.scenario = np.full(count, None, dtype=object)
         self._under_way = np.zeros((count, self.env.robot.latency, 2))
         self._episodes, self._places = episodes, {name: i for i, name in enumerate(scenarios)}
+        self._place = np.zeros(count, np.int64)
 
     def __len__(self) -> int:
         """E."""
@@ -78,12 +80,13 @@ class Lanes:
         if not chosen:
             return which[:0]
         begun = which[: len(chosen)]
-        mask, places = np.zeros(len(self), bool), np.zeros(len(self), np.int64)
+        mask = np.zeros(len(self), bool)
         seeds: list[int | None] = [None] * len(self)
         for lane, (name, seed) in chosen:
-            self.scenario[lane], places[lane], seeds[lane] = name, self._places[name], seed
+            self.scenario[lane], self._place[lane], seeds[lane] = name, self._places[name], seed
         mask[begun] = True
-        self.seen, _ = self.env.reset(seed=seeds, options={"reset_mask": mask, "scenario": places})
+        options = {"reset_mask": mask, "scenario": self._place}
+        self.seen, _ = self.env.reset(seed=seeds, options=options)
         self._under_way[begun] = 0.0
         self.sensed = self._sense()
         return begun
@@ -101,10 +104,22 @@ class Lanes:
     def _sense(self) -> Sensed:
         velocity, goal = self.seen["velocity"], self.seen["goal"]
         if self.env.robot.latency:
-            velocity, goal = foresee(
-                self.env.robot, self.seen["pose"], velocity, goal, self._under_way
-            )[1:]
+            velocity, goal = velocity.copy(), goal.copy()
+            # Scenarios may differ in the control period.
+            for place in np.unique(self._place):
+                one = self._place == place
+                velocity[one], goal[one] = foresee(
+                    self._robots[place],
+                    self.seen["pose"][one],
+                    velocity[one],
+                    goal[one],
+                    self._under_way[one],
+                )[1:]
         return Sensed(self.seen["map"], velocity, goal)
+
+    def robot(self, lane: int) -> crowdbench.RobotSpec:
+        """What a planner may know about the robot in a lane."""
+        return self._robots[self._place[lane]]
 
     def observation(self, lane: int) -> crowdbench.Observation:
         """What an agent sees in a lane, with the true state for a privileged one."""

@@ -18,6 +18,7 @@ from crowdbench_agents.learning.checkpoints import (
 )
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.demonstrations import Demonstrations, open_replay
+from crowdbench_agents.learning.detour import require_straight_ways
 from crowdbench_agents.learning.journal import Journal
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.precision import describe_precision
@@ -64,6 +65,7 @@ class TrainingRun:
         self.form, self.folder, self.config = kind.form, folder, config
         self.sampler = ScenarioSampler(seed)
         self.digests = scenario_digests(self.sampler.success)
+        require_straight_ways(settings.detour_price, self.digests)
         self.rng = np.random.default_rng([seed, 2])
         robot = crowdbench.RobotSpec.from_scenario(
             crowdbench.load_scenario(next(iter(self.sampler.success)))

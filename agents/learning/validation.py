@@ -88,7 +88,7 @@ def validate(
     def begin(which: NDArray[np.integer]) -> NDArray[np.integer]:
         begun = lanes.begin(which)
         for lane in begun:
-            shortest[lane], driven[lane] = _shortest_way(lanes.env, lane), 0.0
+            shortest[lane], driven[lane] = _shortest_way(lanes, lane), 0.0
         return begun
 
     running = begin(np.arange(len(lanes)))
@@ -115,7 +115,7 @@ def validate(
             success[name].append(arrived)
             efficiency[name].append(arrived and path_efficiency(shortest[lane], driven[lane]))
             if arrived:
-                seconds.append(steps[lane] * lanes.env.robot.control_period)
+                seconds.append(steps[lane] * lanes.robot(lane).control_period)
             steps[lane] = 0
         running = np.sort(np.concatenate([running[~ended], begin(over)]))
     return Validation(
@@ -126,8 +126,8 @@ def validate(
     )
 
 
-def _shortest_way(env: crowdbench.CrowdVectorEnv, lane: int) -> float:
-    state, robot = env.state(lane), env.robot
+def _shortest_way(lanes: Lanes, lane: int) -> float:
+    state, robot = lanes.env.state(lane), lanes.robot(lane)
     return shortest_way(
         state["robot_pose"][0, :2], state["robot_goal"][0], state["walls"], state["obstacles"],
         (robot.length, robot.width), robot.goal_tolerance,

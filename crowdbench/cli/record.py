@@ -77,10 +77,10 @@ def record(
 
 def _stored(results: Path, world: Scenario, spec: AgentSpec, seed: int) -> Recording | None:
     """The episode, if it was run before; not if the agent's file has been changed since."""
+    from crowdbench.agent import code_version
     from crowdbench.evaluation.joined import published_and_local
     from crowdbench.evaluation.recordings import find_recordings
     from crowdbench.evaluation.results import scenario_label
-    from crowdbench.evaluation.worker import code_version
 
     rows = published_and_local(results, scenario_label(world), str(spec), first="local")
     if ".py:" in spec.name:

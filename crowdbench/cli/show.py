@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from crowdbench.cli.common import SetOption, out
 from crowdbench.cli.pictures import ScenarioArgument, SeedOption, picture, save
+from crowdbench.replacing import replacing
 from crowdbench.scenario import load_scenario, parse_overrides
 
 
@@ -30,5 +32,14 @@ def show(
 
     env = CrowdEnv(world, render_mode="rgb_array")
     env.reset(seed=seed)
-    save(lambda: Image.fromarray(picture(env)).save(path), path)
+
+    def write() -> None:
+        # Straight to a file, Pillow does not notice that there is no room for a JPEG.
+        content = io.BytesIO()
+        content.name = path.name  # says the kind
+        Image.fromarray(picture(env)).save(content)
+        with replacing(path) as part:
+            part.write_bytes(content.getvalue())
+
+    save(write, path)
     out().print(f"{path}: {world.name}, seed {seed}", markup=False)

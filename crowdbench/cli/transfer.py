@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.common import RESULTS, ResultsOption, UserError, out
+from crowdbench.replacing import replacing
 
 
 class Format(StrEnum):
@@ -45,16 +46,14 @@ def export(
         raise UserError(
             f"{output}: not a file, so nothing is put in its place; without --output CSV is printed"
         )
-    part = output.with_name(f".{output.name}.part")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        if kind is Format.csv:
-            rows.to_csv(part, index=False)
-        else:
-            rows.to_parquet(part, index=False)
-        part.replace(output)
+        with replacing(output) as part:
+            if kind is Format.csv:
+                rows.to_csv(part, index=False)
+            else:
+                rows.to_parquet(part, index=False)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise UserError(f"{output}: cannot be written ({error.strerror or error})") from error
     out().print(f"{output}: {len(rows):,} rows", markup=False, soft_wrap=True)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import sqlite3
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields
 from itertools import groupby, pairwise
@@ -97,6 +98,20 @@ def merge(sources: Sequence[Path], target: Path) -> Merged:
         _require_source(source, target)
     require_writable(target)
     _require_one_measurement([target, *sources])
+    if (target / FILE).exists():
+        return _merge_into(target, sources)
+    # What is refused leaves no file: a new one takes its place when it is whole.
+    with reported(target / FILE), tempfile.TemporaryDirectory(dir=target, prefix=".new-") as new:
+        merged = _merge_into(Path(new), sources)
+        try:
+            (target / FILE).hardlink_to(Path(new) / FILE)
+        except FileExistsError:  # another process was faster
+            return _merge_into(target, sources)
+    return merged
+
+
+def _merge_into(target: Path, sources: Sequence[Path]) -> Merged:
+    """Merge sources that have been checked."""
     merged, disagreements = Merged(), list[str]()
     with contextlib.closing(open_for_writing(target)) as connection, reported(target / FILE):
         with transaction(connection):

@@ -22,6 +22,7 @@ from crowdbench.simulation import streams
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.env import CrowdEnv, parallel_env
 from crowdbench.simulation.kinematics import make_drive
+from crowdbench.simulation.observations import as_numbers
 
 State = Mapping[str, NDArray[Any]]
 OnCall = Callable[[int | None], None]
@@ -169,29 +170,22 @@ def _act(
         action = agent.act(sensed)
         log.inference_s.append(time.perf_counter() - start)
         log.processor_s += time.process_time() - processor
-        array = _as_array(action)
-        if array is None:
+        try:
+            # A copy, as an agent may hand over the same array at every step.
+            array = as_numbers(action)
+        except (TypeError, ValueError):
             log.fail(f"act returned {short(action)}, expected two numbers, e.g. v [m/s], w [rad/s]")
+            return np.zeros(2)
     except BaseException as error:
         log.fail(_described(error))
         return np.zeros(2)
     finally:
         on_call(None)
-    if array is None:
-        return np.zeros(2)
     if array.shape != (2,):
         log.fail(f"act returned shape {array.shape}, expected (2,), e.g. v [m/s], w [rad/s]")
     elif not np.isfinite(array).all():
         log.fail(f"act returned {array.tolist()}, expected finite numbers")
     return array if log.outcome is None else np.zeros(2)
-
-
-def _as_array(action: Any) -> NDArray[np.float64] | None:
-    """A copy, as an agent may hand over the same array at every step; None if it is no numbers."""
-    try:
-        return np.array(action, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        return None
 
 
 def _described(error: BaseException) -> str:

@@ -16,12 +16,11 @@ import signal
 import sys
 import traceback
 import warnings
-from importlib.metadata import entry_points
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crowdbench.agent import ENTRY_POINT_GROUP, Agent, AgentError, AgentSpec
+from crowdbench.agent import Agent, AgentError, AgentSpec, code_version
 from crowdbench.call_stack import with_room
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.heartbeat import MAKING, WARM_UP, Heartbeat
@@ -76,28 +75,6 @@ def main() -> None:
             if os.getpid() != itself:
                 os._exit(0)
             connection.send((number, answer))
-
-
-def code_version(name: str, version: str | None = None) -> str:
-    """Hash of the file of a ``file.py:Class`` agent, else the distribution that brings it.
-
-    Args:
-        name: of the agent.
-        version: in place of that of the distribution.
-
-    Raises:
-        AgentError: the file is gone.
-    """
-    path = name.partition(":")[0]
-    if path.endswith(".py"):
-        try:
-            return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]
-        except OSError as error:
-            raise AgentError(f"agent file {short(path)}: {error.strerror}") from error
-    for point in entry_points(group=ENTRY_POINT_GROUP):
-        if point.name == name and point.dist is not None:
-            return f"{point.dist.name} {version or point.dist.version}"
-    return ""
 
 
 class _Worker:

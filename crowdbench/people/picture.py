@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from crowdbench.people.recording import CrowdRecording, IntArray
+from crowdbench.replacing import replacing
 
 _SIZE = 7.0
 """Of the longer side of what is drawn [in]."""
@@ -64,4 +66,9 @@ def save_picture(recording: CrowdRecording, path: Path) -> None:
         OSError: it cannot be written.
         ValueError: the kind is not known.
     """
-    draw(recording).savefig(path, dpi=150, bbox_inches="tight")
+    # Straight to a file, Pillow does not notice that there is no room for a JPEG.
+    content = io.BytesIO()
+    kind = path.suffix[1:] or None
+    draw(recording).savefig(content, format=kind, dpi=150, bbox_inches="tight")
+    with replacing(path) as part:
+        part.write_bytes(content.getvalue())

@@ -13,6 +13,7 @@ from crowdbench.messages import brief
 from crowdbench.people.errors import RecordingError
 from crowdbench.people.recording import CrowdRecording, IntArray
 from crowdbench.people.stated import Stated, settle
+from crowdbench.replacing import replacing
 
 _ARRAYS = {"people": "i1", "starts": "i1", "times": "f1", "frames": "i1", "positions": "f2"}
 _ARRAYS |= {"interpolated": "b1", "name": "U0", "kind": "U0", "period": "f0"}
@@ -38,7 +39,7 @@ def save(recording: CrowdRecording, path: Path) -> None:
     }
     arrays["wall_points"] = np.concatenate([np.empty((0, 2)), *recording.walls])
     arrays["wall_starts"] = np.cumsum([0, *map(len, recording.walls)])
-    with path.open("wb") as file:
+    with replacing(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
 

@@ -103,7 +103,9 @@ class Pedestrians(Section):
         tuple[Queue, ...], Form("a list of queues {head: [x, y], direction: 90, count: 5}")
     ] = later((), "0.2", max_length=20, description="lines of people who wait to be served")
     on_arrival: Literal["new_goal", "stop"] = Field(
-        "new_goal", description="walk on to another goal, or stand still"
+        "new_goal",
+        description="walk on to another goal, or stand still; who has been served in a queue "
+        "always walks on",
     )
     spawn_clearance: NonNegative = Field(
         1.0, le=200, description="least gap between a pedestrian and a robot's start, surfaces [m]"

@@ -134,11 +134,8 @@ Version history
 ---------------
 - v0: first release.
 
-What happens with the same scenario, seed and actions changes only with the world's version,
-``crowdbench.simulation.WORLD_VERSION``:
-
-- 0.2: directions at the start are rounded as the C library does, on every processor.
-- 0.1: first release.
+What happens with the same scenario, seed and actions changes only with the world's version;
+``crowdbench.simulation`` says what each has changed.
 """
 
 from __future__ import annotations
@@ -158,7 +155,6 @@ from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario, load_scenario
 from crowdbench.simulation import observations, streams
 from crowdbench.simulation.kinematics import make_drive
-from crowdbench.simulation.lanes import OUTCOMES, RUNNING, TERMS, TIMEOUT
 from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.routes import routes_of
@@ -378,23 +374,8 @@ class CrowdEnv(ParallelEnv):
         late = self._steps >= self._max_steps
         seen: dict[str, Any] = observations.observe_robots(world, self._robots)
         world.judge()
-        rewards: dict[str, float] = {}
-        terminations: dict[str, bool] = {}
-        truncations: dict[str, bool] = {}
-        infos: dict[str, Any] = {}
-        contacts = world.contacts
-        for name in list(seen):
-            r = self._robots.index(name)
-            outcome = int(world.outcome[r])
-            terminations[name] = outcome != RUNNING
-            truncations[name] = late and outcome == RUNNING
-            by_name = dict(zip(TERMS, world.terms[r].tolist(), strict=True))
-            rewards[name] = float(sum(by_name.values()))
-            infos[name] = {
-                "outcome": OUTCOMES[TIMEOUT if truncations[name] else outcome],
-                "reward_terms": by_name,
-                "contact": contacts.get(r),
-            }
+        acted = {name: self._robots.index(name) for name in seen}
+        rewards, terminations, truncations, infos = observations.results(world, acted, late)
         for name, ended in terminations.items():
             if ended:
                 world.remove(self._robots.index(name))

@@ -200,9 +200,9 @@ class Episodes:
             ValueError: actions of another shape, or not finite; the message names the lane.
         """
         try:
-            array = np.asarray(actions, dtype=np.float64)
+            array = observations.as_numbers(actions)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"actions{whose}: {actions!r} is not numeric") from error
+            raise ValueError(f"actions{whose}: {short(actions)} is not numeric") from error
         if array.shape != (self.count, 2):
             raise ValueError(f"actions{whose}: expected shape ({self.count}, 2), got {array.shape}")
         there = self.present[lanes, robot]

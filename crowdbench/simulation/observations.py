@@ -1,8 +1,9 @@
-"""The border of the world: observations, the state, actions as they come in, and their spaces."""
+"""The border of the world: observations, the state, actions as they come in, results, spaces."""
 
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from crowdbench.messages import short
 from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
 from crowdbench.scenario.streams import MOST_STREAMS
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
-from crowdbench.simulation.lanes import POINTS
+from crowdbench.simulation.lanes import OUTCOMES, POINTS, RUNNING, TERMS, TIMEOUT
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.walls import walls_of
@@ -212,6 +214,35 @@ def observe_pedestrians(world: World, walkers: Mapping[str, int]) -> dict[str, d
     return seen
 
 
+def results(
+    world: World, robots: Mapping[str, int], late: bool
+) -> tuple[dict[str, float], dict[str, bool], dict[str, bool], dict[str, Any]]:
+    """Rewards, terminations, truncations and infos of the robots that have acted.
+
+    Args:
+        world: after the step, judged.
+        robots: their places by name.
+        late: the time is up.
+    """
+    rewards: dict[str, float] = {}
+    terminations: dict[str, bool] = {}
+    truncations: dict[str, bool] = {}
+    infos: dict[str, Any] = {}
+    contacts = world.contacts
+    for name, r in robots.items():
+        outcome = int(world.outcome[r])
+        terminations[name] = outcome != RUNNING
+        truncations[name] = late and outcome == RUNNING
+        by_name = dict(zip(TERMS, world.terms[r].tolist(), strict=True))
+        rewards[name] = float(sum(by_name.values()))
+        infos[name] = {
+            "outcome": OUTCOMES[TIMEOUT if truncations[name] else outcome],
+            "reward_terms": by_name,
+            "contact": contacts.get(r),
+        }
+    return rewards, terminations, truncations, infos
+
+
 def read_actions(
     world: World, actions: Mapping[str, Any], robots: list[str], walkers: Mapping[str, int]
 ) -> tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]:
@@ -242,14 +273,32 @@ def checked_action(name: str, action: Any) -> NDArray[np.float64]:
         ValueError: not two finite numbers; the message names the agent.
     """
     try:
-        array = np.asarray(action, dtype=np.float64)
+        array = as_numbers(action)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"action of agent {name!r}: {action!r} is not numeric") from error
+        raise ValueError(f"action of agent {name!r}: {short(action)} is not numeric") from error
     if array.shape != (2,):
         raise ValueError(f"action of agent {name!r}: expected shape (2,), got {array.shape}")
     if not (math.isfinite(array[0]) and math.isfinite(array[1])):
         raise ValueError(f"action of agent {name!r}: expected finite numbers, got {array}")
     return array
+
+
+def as_numbers(value: Any) -> NDArray[np.float64]:
+    """A copy as an array; truth values count as 0 and 1, and text never as the number it names.
+
+    Raises:
+        TypeError, ValueError: no array, or not one of real numbers.
+    """
+    array = np.asarray(value)
+    # NumPy would read text, count dates, and leave imaginary parts out.
+    kind = array.dtype.kind
+    real = kind == "O" and all(isinstance(item, numbers.Real) for item in array.flat)
+    if kind not in "biuf" and not real:
+        raise TypeError("not numeric")
+    try:
+        return np.array(value, dtype=np.float64)
+    except OverflowError as error:
+        raise ValueError(str(error)) from error
 
 
 def _unbounded(*shape: int) -> spaces.Box:

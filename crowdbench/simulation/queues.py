@@ -1,8 +1,8 @@
 """Queues: people who stand in line, step forward, are served and walk away.
 
 To every queue belongs one person more than stand in it. Whoever is first is served for a time of
-its own and then walks about as everybody does; at that moment the one who was away until then joins
-the end, so that lines keep their length.
+its own and then walks about, also where others stop on arrival; at that moment the one who was away
+until then joins the end, so that lines keep their length.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import zlib
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -10,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import GifImagePlugin, Image
+
+from crowdbench.replacing import replacing
 
 Frame = NDArray[np.uint8]
 
@@ -20,6 +23,7 @@ _UNCHANGED = GIF_COLORS
 
 PALETTE_FRAMES = 8
 """How many frames, spread over the video, the palette of a GIF is chosen from."""
+_FAILED = "ffmpeg has failed, perhaps since the disk is full"
 
 
 def write_video(frames: Iterable[Frame], path: str | Path, fps: float) -> Path:
@@ -32,6 +36,7 @@ def write_video(frames: Iterable[Frame], path: str | Path, fps: float) -> Path:
 
     Raises:
         ValueError: another suffix, no frames, or frames that are not pictures of one size.
+        OSError: it cannot be written; a video that was there stays.
     """
     path = Path(path)
     write = {".gif": _write_gif, ".mp4": _write_mp4}.get(path.suffix.lower())
@@ -44,7 +49,8 @@ def write_video(frames: Iterable[Frame], path: str | Path, fps: float) -> Path:
     if first is None:
         raise ValueError(f"video {str(path)!r}: there are no frames to write")
     path.parent.mkdir(parents=True, exist_ok=True)
-    write(chain([first], checked), path, fps)
+    with replacing(path) as part:
+        write(chain([first], checked), part, fps)
     return path
 
 
@@ -143,11 +149,21 @@ def _write_mp4(frames: Iterable[Frame], path: Path, fps: float) -> None:
         str(path), (width, height), fps=fps, codec="libx264", quality=8, macro_block_size=2
     )
     writer.send(None)
-    try:
+    sent = 0
+    with contextlib.closing(writer):
         for frame in chain([first], map(_even, frames)):
-            writer.send(np.ascontiguousarray(frame))
-    finally:
-        writer.close()
+            try:
+                writer.send(np.ascontiguousarray(frame))
+            except OSError as error:
+                raise OSError(_FAILED) from error
+            sent += 1
+    # Nobody is told where ffmpeg fails only when all frames have been sent.
+    try:
+        stored, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError as error:
+        raise OSError(_FAILED) from error
+    if stored != sent:
+        raise OSError(_FAILED)
 
 
 def _even(frame: Frame) -> Frame:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 
+from crowdbench.replacing import replacing
 from crowdbench.study.measurements import Measurements
 from crowdbench.study.model import Drawing
 from crowdbench.study.style import LOOK
@@ -38,6 +39,8 @@ def save_figures(
                 pdf.unlink(missing_ok=True)
                 png.unlink(missing_ok=True)
             else:
-                figure.savefig(pdf, metadata={"CreationDate": None, "Producer": None})
-                figure.savefig(png, metadata={"Software": None})
+                with replacing(pdf) as part:
+                    figure.savefig(part, metadata={"CreationDate": None, "Producer": None})
+                with replacing(png) as part:
+                    figure.savefig(part, metadata={"Software": None})
     return there

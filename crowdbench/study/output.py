@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.replacing import replacing
 from crowdbench.study.claims import check_claims, check_orders
 from crowdbench.study.figures import save_figures
 from crowdbench.study.formats import csv_text, latex, markdown
@@ -73,12 +74,17 @@ def write_study(
             if content is None:
                 path.unlink(missing_ok=True)
             else:
-                path.write_text(content, encoding="utf-8")
+                _write(path, content)
         figures = save_figures(study.figures, measured, source, target / "figures")
         sessions = load_sessions(source, study.name)
         page = write_page(study, tables, findings, orders, measured, figures, sessions)
-        (target / "README.md").write_text(page, encoding="utf-8")
+        _write(target / "README.md", page)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ResultsError(f"{target}: the study cannot be written ({reason})") from error
     return Written(tables, measured, figures)
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -99,6 +99,18 @@ def test_where_an_episode_came_out_otherwise_nothing_is_merged(local, other, tol
     assert rows_of(into.folder) == before
 
 
+def test_a_new_folder_that_nothing_is_merged_into_stays_empty(local):
+    a, b, into = local("a"), local("b"), local("into")
+    add(a, [0], spl=[0.5])
+    add(b, [0], spl=[0.6])
+    with pytest.raises(ResultsError, match="nothing is merged"):
+        merge([a.folder, b.folder], into.folder)
+    assert list(into.folder.iterdir()) == []
+    merge([a.folder], into.folder)
+    assert [path.name for path in into.folder.iterdir()] == [FILE]
+    assert rows_of(into.folder) == rows_of(a.folder)
+
+
 def test_a_metric_of_another_definition_or_never_measured_is_not_compared(local):
     a, b, into = local("a"), local("b"), local("into")
     add(a, [0, 1], spl=[0.5], jerk=[1.0])

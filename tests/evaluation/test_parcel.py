@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from crowdbench import AgentSpec
-from crowdbench.agent import AgentError
+from crowdbench.agent import AgentError, code_version
 from crowdbench.evaluation.driven import Driven
 from crowdbench.evaluation.parcel import Parcel, below, without_root
 from crowdbench.evaluation.protocol import Broken, Described, Done, Lost, Refused
-from crowdbench.evaluation.worker import code_version
 from crowdbench.scenario import NoRoomError
 
 PLANNER = """

@@ -157,7 +157,8 @@ def test_out_of_range_actions_are_clipped():
         ((0.1, 0.2, 0.3), r"action of agent 'robot_0': expected shape \(2,\), got \(3,\)"),
         (0.5, r"action of agent 'robot_0': expected shape \(2,\), got \(\)"),
         ("left", "action of agent 'robot_0': 'left' is not numeric"),
-        (None, "action of agent 'robot_0'"),
+        (("1", "2"), r"action of agent 'robot_0': \('1', '2'\) is not numeric"),
+        (None, "action of agent 'robot_0': None is not numeric"),
     ],
 )
 def test_bad_actions_are_refused_by_name_and_change_nothing(action, complaint):

@@ -147,3 +147,22 @@ def test_a_queue_through_a_wall_is_refused(shape, told):
     arena = {"kind": "map", "regions": {"a": [-5, -5, -3, 5], "b": [3, -5, 5, 1]}, **shape}
     with pytest.raises(ScenarioError, match=told):
         HALL.override({"arena": arena, "robots": {"start": "a", "goal": "b"}})
+
+
+def test_who_has_been_served_walks_on_and_on_also_where_others_stop_on_arrival():
+    hall = HALL.override({"pedestrians.on_arrival": "stop"})
+    world, people = World(hall, 0), range(hall.pedestrians.count)
+    goals = [[] for _ in people]  # since each has last left a queue
+    most = 0
+    while world.time < 40.0:
+        before = world.pedestrians.place
+        world.step(np.zeros((1, 2)))
+        now = world.pedestrians
+        for p in people:
+            if before[p] >= 0:
+                goals[p] = []
+            elif now.place[p] < 0 and tuple(now.goal[p]) not in goals[p]:
+                goals[p].append(tuple(now.goal[p]))
+        most = max(most, *(len(goals[p]) for p in people if now.queue[p] >= 0))
+        assert max(len(goals[p]) for p in people if now.queue[p] < 0) == 1
+    assert most > 1

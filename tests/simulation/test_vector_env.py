@@ -246,6 +246,8 @@ def test_bad_actions_seeds_and_options_are_named_and_change_nothing():
         env.step(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="not numeric"):
         env.step("left")
+    with pytest.raises(ValueError, match="not numeric"):
+        env.step(np.full((3, 2), "1"))
     with pytest.raises(ValueError, match="2 seeds for 3 lanes"):
         env.reset(seed=[1, 2])
     with pytest.raises(ValueError, match="seed of lane 1: -1; allowed: whole numbers from 0"):

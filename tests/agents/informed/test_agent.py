@@ -8,6 +8,7 @@ from crowdbench_agents.informed.actions import lines
 from crowdbench_agents.informed.agent import Informed
 from crowdbench_agents.informed.distance_field import DistanceField, look_up
 from crowdbench_agents.informed.search import HORIZON, TICKS
+from foreseen import STAND, episodes, ways_left
 
 import crowdbench
 
@@ -43,19 +44,11 @@ def test_people_walk_as_predicted(scenario, radius):
     """Those who keep their leg; the robot is out of sight of all."""
     env = crowdbench.parallel_env(scenario, pedestrians={"reactive": 0, "radius": radius})
     agent, compared = Informed(), 0
-    for seed in range(900_000, 900_006):
-        env.reset(seed=seed)
-        agent.reset(env.robot_spec(), seed)
-        for _ in range(5):
-            env.step({"robot_0": (0.0, 0.0)})
-        future, _ = agent._predict(env.state(), False)
+    for before, after in episodes(env, agent, range(900_000, 900_006), [STAND] * 5, STAND, 8):
+        future, _ = agent._predict(before, False)
         assert (future[0, : env.scenario.pedestrians.count, 2] == radius).all()
-        for step in range(1, 9):
-            env.step({"robot_0": (0.0, 0.0)})
-            state = env.state()
-            if not env.agents:
-                break
-            left = np.linalg.norm(state["pedestrian_goal"] - state["pedestrian_position"], axis=1)
+        for step, state in after:
+            left = ways_left(state)
             if left.min() < 0.6:  # somebody gets a new leg, to which the others react too
                 break
             predicted = future[step * TICKS, : len(left), :2]

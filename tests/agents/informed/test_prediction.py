@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from crowdbench_agents.informed.agent import Informed
 from crowdbench_agents.informed.search import HORIZON, TICKS
+from foreseen import STAND, episodes, ways_left
 
 import crowdbench
 
@@ -51,9 +52,10 @@ def test_by_velocity_nothing_hidden_has_any_influence():
 
 
 @pytest.mark.parametrize("growth", [0.0, 0.7])
-def test_by_velocity_uncertainty_grows_with_time(growth):
+@pytest.mark.parametrize("intent", [{"intent": "velocity"}, {"intent": "sampled", "futures": 2}])
+def test_by_velocity_or_sampled_uncertainty_grows_with_time(intent, growth):
     env, _, state = begun("multimodal_fast", 900_004)
-    _, spread = prediction(env, state, intent="velocity", growth=growth)
+    _, spread = prediction(env, state, growth=growth, **intent)
     seconds = HORIZON * env.scenario.control_period
     np.testing.assert_allclose(spread[-1], growth * seconds)
     np.testing.assert_allclose(spread[TICKS], growth * env.scenario.control_period)
@@ -82,19 +84,12 @@ def test_people_with_habits_walk_as_predicted(habit):
     people = {"count": 8, "reactive": 0, **HABITS[habit]}
     env, agent = crowdbench.parallel_env("unimodal_fast", pedestrians=people), Informed()
     compared, moved = 0, []
-    for seed in range(900_000, 900_004):
-        env.reset(seed=seed)
-        agent.reset(env.robot_spec(), seed)
-        for _ in range(3):
-            env.step({"robot_0": (0.0, 0.0)})
-        before = env.state()
+    for before, after in episodes(env, agent, range(900_000, 900_004), [STAND] * 3, STAND, 15):
         future, spread = agent._predict(before, False)
-        for step in range(1, 16):
-            env.step({"robot_0": (0.0, 0.0)})
-            state = env.state()
-            if not env.agents or (state["pedestrian_goal"] != before["pedestrian_goal"]).any():
+        for step, state in after:
+            if (state["pedestrian_goal"] != before["pedestrian_goal"]).any():
                 break
-            left = np.linalg.norm(state["pedestrian_goal"] - state["pedestrian_position"], axis=1)
+            left = ways_left(state)
             if (left < 0.6)[state["pedestrian_walks_on"]].any() or touch(state):
                 break
             predicted = future[step * TICKS, : len(left), :2]
@@ -131,20 +126,13 @@ def test_people_evade_a_robot_that_does_as_planned_as_predicted(people):
     )
     agent, compared, evaded = Informed(), 0, 0.0
     plan = np.tile([1.0, 0.2], (HORIZON, 1))
-    for seed in range(900_000, 900_006):
-        env.reset(seed=seed)
-        agent.reset(env.robot_spec(), seed)
-        for _ in range(6):
-            env.step({"robot_0": (1.0, 0.0)})
-        before = env.state()
+    seeds, latency = range(900_000, 900_006), env.scenario.robots.latency
+    for before, after in episodes(env, agent, seeds, [(1.0, 0.0)] * 6, plan[0], 9 + latency):
         future, _ = agent._predict(before, True, plan)
         unseen, _ = agent._predict(before, False)
-        latency = env.scenario.robots.latency
-        for step in range(1, 10 + latency):
-            env.step({"robot_0": plan[0]})
-            state = env.state()
-            left = np.linalg.norm(state["pedestrian_goal"] - state["pedestrian_position"], axis=1)
-            if not env.agents or left.min() < 0.6 or touch(state):
+        for step, state in after:
+            left = ways_left(state)
+            if left.min() < 0.6 or touch(state):
                 break
             if step >= latency:
                 row = (step - latency) * TICKS
@@ -170,16 +158,11 @@ def test_around_corners_people_walk_as_predicted_and_leave_at_the_end():
         },
     )
     agent, compared, left = Informed(), 0, 0
-    for seed in range(900_000, 900_006):
-        env.reset(seed=seed)
-        agent.reset(env.robot_spec(), seed)
-        before = env.state()
+    for before, after in episodes(env, agent, range(900_000, 900_006), [], STAND, 15):
         future, _ = agent._predict(before, False)
-        for step in range(1, 16):
-            env.step({"robot_0": (0.0, 0.0)})
-            state = env.state()
+        for step, state in after:
             goes = (state["pedestrian_goal"] != before["pedestrian_goal"]).any(axis=1)
-            if goes.any() or not env.agents:
+            if goes.any():
                 assert (future[(step + 1) * TICKS, :5, 2][goes] < 0.0).all()
                 left += goes.sum()
                 break

@@ -10,6 +10,7 @@ from crowdbench_agents.learning.experts import Experts
 from simple_kind import SMALL
 
 import crowdbench
+from crowdbench.agent import find_agent
 
 WANTED = 200
 
@@ -65,3 +66,37 @@ def test_a_run_with_another_map_has_demonstrations_of_its_own(in_empty_folder, c
     name, value = change
     demonstrations(in_empty_folder, **{f"perception.{name}": value})
     assert len(list(in_empty_folder.glob("demonstrations-*"))) == 2
+
+
+EXPERT = """\
+import crowdbench
+
+
+class Stands(crowdbench.Agent):
+    def reset(self, robot, seed):
+        pass
+
+    def act(self, observation):
+        return 0.0, 0.0
+"""
+
+
+def test_demonstrations_of_another_expert_or_world_are_not_used(in_empty_folder, monkeypatch):
+    file = in_empty_folder / "stands.py"
+    file.write_text(EXPERT)
+
+    def folders(expert):
+        demonstrations(in_empty_folder / "runs", **{"training.expert": expert})
+        return len(list((in_empty_folder / "runs").glob("demonstrations-*")))
+
+    assert folders(f"{file.name}:Stands") == 1
+    assert folders(f"{file.name}:Stands") == 1
+    file.write_text(EXPERT.replace("0.0, 0.0", "0.5, 0.0"))
+    assert folders(f"{file.name}:Stands") == 2
+    monkeypatch.setattr(module, "WORLD_VERSION", "of tomorrow")
+    assert folders(f"{file.name}:Stands") == 3
+    assert folders("straight_line") == 4
+    monkeypatch.setattr(find_agent("straight_line"), "version", "of tomorrow")
+    assert folders("straight_line") == 5
+    monkeypatch.setattr(find_agent("straight_line"), "weights_sha256", "abc")
+    assert folders("straight_line") == 6

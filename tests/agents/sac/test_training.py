@@ -8,8 +8,11 @@ import pytest
 import torch
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.checkpoints import load_checkpoint
+from crowdbench_agents.learning.detour import require_straight_ways
+from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.run import TrainingRun
+from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import KIND, train
@@ -44,6 +47,19 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
     off = {"loss.expert": 0.0, "loss.expert_end": 0.0}
     before, after = distance_from_expert(in_empty_folder, tiny(**off))
     assert after > 0.5 * before
+
+
+def test_where_a_map_is_trained_in_detours_have_no_price(in_empty_folder, tiny, monkeypatch):
+    def make(**changes):
+        TrainingRun(KIND, in_empty_folder / "run", tiny(**changes), 0, True, torch.device("cpu"), 0)
+
+    priced = {"training.detour_price": 5.0}
+    make(**priced)
+    monkeypatch.setitem(TRAINING_SCENARIOS, "situation_blind_corner", 1)
+    allowed = r"training\.detour_price: 5; allowed: 0 where 'situation_blind_corner' is trained in"
+    with pytest.raises(TrainingError, match=allowed):
+        make(**priced)
+    require_straight_ways(0.0, TRAINING_SCENARIOS)
 
 
 def acted(folder, config, steps=20):
