@@ -12,7 +12,6 @@ from importlib.metadata import version
 from pathlib import Path
 
 from crowdbench.evaluation.database import ResultsError
-from crowdbench.replacing import replacing
 
 LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "torch", "daqp")
 """Whose versions may change what an episode gives."""
@@ -87,10 +86,11 @@ class Account:
             "; ".join(self._machines),
             self._versions,
         )
+        part = self._path.with_suffix(".part")
         try:
             self._path.parent.mkdir(exist_ok=True)  # in the results folder, unless that is gone
-            with replacing(self._path) as part:
-                part.write_text(json.dumps(asdict(session), indent=2) + "\n", encoding="utf-8")
+            part.write_text(json.dumps(asdict(session), indent=2) + "\n", encoding="utf-8")
+            part.replace(self._path)
         except OSError as error:
             raise ResultsError(f"{self._path}: cannot be written ({error.strerror})") from error
         self._written = self._clock()
