@@ -44,7 +44,6 @@ from crowdbench_agents.informed.search import (
     RISK_COST,
     THOROUGH,
     TICKS,
-    Scene,
     cost_of,
     search,
 )
@@ -200,22 +199,34 @@ class Informed(crowdbench.Agent):
         robot = self._robot
         limits = robot.acceleration or (np.inf, np.inf)
         plan = np.empty((HORIZON, 2))
-        scene, limits = self._scene(told, future), np.array([limits[0], limits[1]])
-        length, cost = search(pose, velocity, limits, scene, *effort, self._plan, plan)
+        first, rest = self._scene(told, future)
+        length, cost = search(
+            pose,
+            velocity,
+            *first,
+            np.array([limits[0], limits[1]]),
+            *rest,
+            *effort,
+            self._plan,
+            plan,
+        )
         return plan[:length], cost
 
     def _cost(self, pose, told, future, plan):
-        return cost_of(pose, self._scene(told, future), plan)
+        first, rest = self._scene(told, future)
+        return cost_of(pose, *first, *rest, plan)
 
     def _scene(self, told, future):
-        """What plans are judged by, among people as they are foreseen."""
+        """What ``search`` takes between velocity and limits, and between these and the plan."""
         robot, state = self._robot, told[0]
-        return Scene(
+        first = (
             state["robot_goal"][self._index],
             robot.goal_tolerance,
             robot.length / 2,
             robot.width / 2,
             robot.control_period,
+        )
+        rest = (
             self._turns,
             self._actions,
             *future,
@@ -227,6 +238,7 @@ class Informed(crowdbench.Agent):
             self._field.values,
             self._field.winds,
         )
+        return first, rest
 
     def _foresee(self, told, courteous, plan=None):
         """Discs of all futures and their uncertainty, one beside the other, see ``_predict``."""

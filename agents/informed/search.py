@@ -8,17 +8,13 @@ are the last resort.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from crowdbench_agents.geometry.footprint import advance, point_gap, wall_gap
 from crowdbench_agents.informed.distance_field import look_up
 from crowdbench_agents.informed.sorting import sort
-from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
-
-Array = NDArray[np.float64]
 
 PERIODS = np.array([1, 1, 2, 2, 2, 3, 3, 3, 3, 4])
 """Control periods for which each arc of a plan is driven: fine now, coarse later."""
@@ -52,14 +48,40 @@ ABSENT = -1.0
 _RUNNING, _ENDED = 0, 1
 
 
-class Scene(NamedTuple):
-    """What a robot is among, and what it can do: by this plans are judged.
+@compiled()
+def search(
+    pose,
+    velocity,
+    goal,
+    tolerance,
+    half_length,
+    half_width,
+    period,
+    limits,
+    turns,
+    arcs,
+    future,
+    spread,
+    share,
+    price,
+    obstacles,
+    walls,
+    origin,
+    lengths,
+    winds,
+    width,
+    fine,
+    kept,
+    plan,
+):
+    """Find the cheapest plan.
 
-    Attributes:
-        goal: (2,) [m].
+    Args:
+        pose, velocity, goal: the robot's, (3,), (2,), (2,) [m, rad, m/s, rad/s].
         tolerance: arrival distance [m].
         half_length, half_width: of the robot's rectangle [m].
         period: control period [s].
+        limits: (2,) on the change of either number of an action in a second.
         turns: whether the robot is differential, else omnidirectional.
         arcs: (A, 2) actions to choose from; later ones only from the first half. Here and below
             (v, w) are v [m/s], w [rad/s], or speeds ahead and to the left [m/s].
@@ -71,34 +93,6 @@ class Scene(NamedTuple):
         obstacles: (K, 3) x, y, radius [m].
         walls: (S, 4) x1, y1, x2, y2 [m].
         origin, lengths, winds: of the DistanceField.
-    """
-
-    goal: Array
-    tolerance: float
-    half_length: float
-    half_width: float
-    period: float
-    turns: bool
-    arcs: Array
-    future: Array
-    spread: Array
-    share: float
-    price: float
-    obstacles: Array
-    walls: Array
-    origin: Array
-    lengths: Array
-    winds: bool
-
-
-@compiled()
-def search(pose, velocity, limits, scene, width, fine, kept, plan):
-    """Find the cheapest plan.
-
-    Args:
-        pose, velocity: the robot's, (3,), (2,) [m, rad, m/s, rad/s].
-        limits: (2,) on the change of either number of an action in a second.
-        scene: a Scene.
         width: partial plans kept after each arc.
         fine: arcs of a plan that are chosen among all; the others among the coarse half.
         kept: (M, 2) what is left of the last plan. It competes: a plan that still works is not
@@ -108,8 +102,22 @@ def search(pose, velocity, limits, scene, width, fine, kept, plan):
     Returns:
         Length of the plan in control periods, its cost [s].
     """
-    arcs, (top, turn) = scene.arcs, _fastest(scene.arcs, scene.turns)
-    reach_v, reach_w = limits[0] * scene.period, limits[1] * scene.period
+    top, turn = _fastest(arcs, turns)
+    scene = (
+        turns,
+        goal,
+        tolerance,
+        half_length,
+        half_width,
+        period / TICKS,
+        future,
+        spread,
+        share,
+        price,
+        obstacles,
+        walls,
+    )
+    reach_v, reach_w = limits[0] * period, limits[1] * period
     # Columns: x, y, heading, v, w, cost so far, row of the beam it continues (-1: the last plan).
     beam = np.zeros((width + 1, 7))
     for i in range(3):
@@ -133,7 +141,7 @@ def search(pose, velocity, limits, scene, width, fine, kept, plan):
                 status = _drive(beam[b], v, w, row, ticks, scene, child)
                 child[6] = b
                 if status == _RUNNING:
-                    left = _time_left(child, scene, top, turn)
+                    left = _time_left(child, goal, tolerance, top, turn, origin, lengths, winds)
                     score[count] = child[5] + left
                     count += 1
                 elif child[5] < best:
@@ -169,9 +177,33 @@ def search(pose, velocity, limits, scene, width, fine, kept, plan):
 
 
 @compiled()
-def cost_of(pose, scene, plan):
-    """Cost [s] of a plan (HORIZON, 2) that begins at a pose (3,), in a Scene."""
-    top, turn = _fastest(scene.arcs, scene.turns)
+def cost_of(
+    pose,
+    goal,
+    tolerance,
+    half_length,
+    half_width,
+    period,
+    turns,
+    arcs,
+    future,
+    spread,
+    share,
+    price,
+    obstacles,
+    walls,
+    origin,
+    lengths,
+    winds,
+    plan,
+):
+    """Cost [s] of a plan (HORIZON, 2), for arguments as of ``search``."""
+    top, turn = _fastest(arcs, turns)
+    tick = period / TICKS
+    scene = (
+        turns, goal, tolerance, half_length, half_width, tick,
+        future, spread, share, price, obstacles, walls,
+    )  # fmt: skip
     node = np.zeros(7)
     for i in range(3):
         node[i] = pose[i]
@@ -179,7 +211,7 @@ def cost_of(pose, scene, plan):
         row = np.int64(step * TICKS)
         if _drive(node, plan[step, 0], plan[step, 1], row, np.int64(TICKS), scene, node) == _ENDED:
             return node[5]
-    return node[5] + _time_left(node, scene, top, turn)
+    return node[5] + _time_left(node, goal, tolerance, top, turn, origin, lengths, winds)
 
 
 @compiled()
@@ -235,30 +267,27 @@ def _trace(node, level, history, kept, plan):
 
 
 @compiled()
-def _time_left(node, scene, top, turn):
+def _time_left(node, goal, tolerance, top, turn, origin, lengths, winds):
     """Least time from a pose to the goal [s], and a little for facing elsewhere."""
-    x, y, goal = node[0], node[1], scene.goal
-    origin, lengths = scene.origin, scene.lengths
+    x, y = node[0], node[1]
     dx, dy = goal[0] - x, goal[1] - y
-    if scene.winds and dx * dx + dy * dy > CELL:
+    if winds and dx * dx + dy * dy > CELL:
         # Down the slope of the length, which is that of the way.
         dx = look_up(x - CELL, y, goal[0], goal[1], origin, lengths)
         dx -= look_up(x + CELL, y, goal[0], goal[1], origin, lengths)
         dy = look_up(x, y - CELL, goal[0], goal[1], origin, lengths)
         dy -= look_up(x, y + CELL, goal[0], goal[1], origin, lengths)
     off = (math.atan2(dy, dx) - node[2] + math.pi) % (2 * math.pi) - math.pi
-    left = look_up(x, y, goal[0], goal[1], origin, lengths) - scene.tolerance
+    left = look_up(x, y, goal[0], goal[1], origin, lengths) - tolerance
     return max(0.0, left) / top + 0.5 * abs(off) / turn
 
 
 @compiled()
 def _drive(node, v, w, row, ticks, scene, end):
     """Follow an arc for ``ticks`` from a node at ``row`` of the future; writes where it ends."""
+    turns, goal, tolerance, half_length, half_width, tick = scene[:6]
+    future, spread, share, price, obstacles, walls = scene[6:]
     x, y, heading, cost = node[0], node[1], node[2], node[5]
-    turns, goal, tolerance, tick = scene.turns, scene.goal, scene.tolerance, scene.period / TICKS
-    half_length, half_width = scene.half_length, scene.half_width
-    future, spread = scene.future, scene.spread
-    share, price, obstacles, walls = scene.share, scene.price, scene.obstacles, scene.walls
     turn = w if turns else 0.0
     cost += TURN_COST * abs(turn) * ticks * tick
     # The chord of one tick, and the rotation that takes one chord to the next.
