@@ -70,9 +70,11 @@ class Goals:
             seen: (P,) whose walk counts.
         """
         before, start = self._before, state["pedestrian_start"]
+        stood = _who_stands(before or state)
+        walks_off = stood & ~_who_stands(state)
         for p in range(len(start)):
-            if before is None or (start[p] != before["pedestrian_start"][p]).any():
-                self._begin_leg(p, state, before)
+            if before is None or walks_off[p] or (start[p] != before["pedestrian_start"][p]).any():
+                self._begin_leg(p, state, before, stood[p])
         likely = likely_directions(state, before, self._period, self._robot_radius)
         place = (before or state)["pedestrian_position"]
         straight = seen & (state["pedestrian_stream"] < 0)
@@ -116,7 +118,7 @@ class Goals:
             streams = state["pedestrian_stream"] >= 0
             further[:, streams] = goal[:, streams, None]
         # Who stands does so for all to see.
-        stands = ~(state["pedestrian_walks_on"] | (state["pedestrian_group"] >= 0))
+        stands = _who_stands(state)
         goal[:, stands] = next_goal[:, stands] = state["pedestrian_goal"][stands]
         way[:, stands] = goal[:, stands, None]
         told = without_hidden(state)
@@ -138,13 +140,13 @@ class Goals:
             for k in range(futures)
         ]
 
-    def _begin_leg(self, p, state, before):
+    def _begin_leg(self, p, state, before, stood):
         """Believe of a person at the begin of a leg what is known of all."""
         now, probability = float(state["time"]), float(state["switch_probability"])
         x, y = state["pedestrian_start"][p]
         self._switched[p] = 0.0
         back_x, back_y = math.inf, math.inf
-        if before is not None and probability > 0.0:
+        if before is not None and probability > 0.0 and not stood:
             back_x, back_y = before["pedestrian_start"][p]
             pace = max(float(state["pedestrian_speed"][p]), 1e-3)
             arrived = _mass(self._weights[p], self._cells, x, y, ARRIVAL + pace * self._period)
@@ -168,6 +170,11 @@ class Goals:
             self._weights[p], self._cells, x, y, float(state["least_leg"]), state["obstacles"],
             float(state["pedestrian_radius"][p]), back_x, back_y, back,
         )  # fmt: skip
+
+
+def _who_stands(state):
+    """(P,) who stays at its goal, or goes to a place that shows where it is, as in a queue."""
+    return ~(state["pedestrian_walks_on"] | (state["pedestrian_group"] >= 0))
 
 
 def _middles(side):

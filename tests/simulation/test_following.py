@@ -255,6 +255,14 @@ def test_multimodal_people_return_to_the_start_or_divert_to_another_streams_goal
     assert not within(states["position"][:-1, :8], REGIONS["west"])[entered(states)[:, :8]].any()
 
 
+def test_without_a_stream_a_leg_that_is_interrupted_ends_there_and_another_begins():
+    states = walked(hall(pedestrians__count=8, pedestrians__switch_probability=1.0), steps=60)
+    new_goal = (np.diff(states["goal"], axis=0) != 0).any(axis=2)
+    switches = new_goal & (states["intent"][:-1] != 0) & (states["intent"][1:] == 0)
+    assert switches.sum() > 3
+    np.testing.assert_array_equal(states["start"][1:][switches], states["position"][:-1][switches])
+
+
 def test_lanes_are_the_single_environment_to_the_last_bit():
     scenarios = [two_streams(pedestrians__goals="multimodal"), hall(), random_map(1)]
     plain = hall(arena__kind="open", arena__walls=[], arena__polygons=[])

@@ -10,6 +10,7 @@ from crowdbench_agents.informed.search import TICKS
 import crowdbench
 
 SEED = 900_002
+ENDS = {"start": [-4.0, -4.0], "goal": [4.0, 4.0]}
 
 
 def watched(steps, scenario="multimodal_fast", futures=40, **overrides):
@@ -176,6 +177,16 @@ def test_goals_lie_on_the_map_wherever_its_origin_is():
     for name in ("pedestrian_goal", "pedestrian_next_goal", "pedestrian_further"):
         x, y = np.moveaxis(drawn(goals, state, name), -1, 0)
         assert ((x > 14) & (x < 26) & (y > 6) & (y < 14)).all()
+
+
+def test_who_leaves_a_queue_begins_a_leg_there():
+    """The first one was served after 4 s: a little later nearly half of its legs may yet change."""
+    line = {"head": [3, 0], "direction": 0, "count": 4, "service": [4, 4], "spacing": 0.8}
+    people = {"count": 5, "reactive": 0, "queues": [line]}
+    goals, state, _ = watched(22, arena={"kind": "map"}, robots=ENDS, pedestrians=people)
+    (first,) = np.flatnonzero((state["pedestrian_queue"] == 0) & state["pedestrian_walks_on"])
+    switches = np.isfinite(drawn(goals, state, "pedestrian_switch_time")[:, first])
+    assert 0.25 < switches.mean() < 0.6
 
 
 def test_where_nothing_is_left_to_be_believed_belief_begins_anew():
