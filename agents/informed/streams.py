@@ -18,7 +18,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from crowdbench_agents.informed.walks import ARRIVAL, weigh
+from crowdbench_agents.informed.walks import ARRIVAL, likely_directions, weigh
 
 import crowdbench
 from crowdbench.compiled import compiled
@@ -82,6 +82,7 @@ class Streams:
         """
         stage, start = state["pedestrian_stage"], state["pedestrian_start"]
         earlier = before or state
+        first = likely_directions(state, None, self._period, 0.0)
         for p in np.flatnonzero(state["pedestrian_stream"] >= 0).tolist():
             new_leg = (start[p] != earlier["pedestrian_start"][p]).any()
             begins = before is None or new_leg or stage[p] != earlier["pedestrian_stage"][p]
@@ -93,11 +94,12 @@ class Streams:
                     self._weights[p], self._aims[p].share, self._aims[p].turned, self._lasts[p],
                     passed, self._period, self._switches,
                 )  # fmt: skip
-            # Who begins may have been elsewhere a step ago, and who waits stands.
-            if seen[p] and stage[p] >= 0 and (before is None or not begins):
-                place, aims = earlier["pedestrian_position"][p], self._aims[p]
+            if seen[p] and stage[p] >= 0:  # who waits stands
+                # Who begins may have been elsewhere a step ago, and comes walking.
+                place = (state if begins else earlier)["pedestrian_position"][p]
+                step, aims = (first if begins else likely)[p], self._aims[p]
                 ahead = self._ways.next_points(place, aims.place, aims.remaining)
-                if not weigh(self._weights[p], aims.place, ahead, *place, likely[p]):
+                if not weigh(self._weights[p], aims.place, ahead, *place, step):
                     self._begin(p, state, earlier)
 
     def draw(self, state, draws, goal, next_goal, switch_time, way):
