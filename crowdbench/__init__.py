@@ -8,7 +8,7 @@ The names in ``__all__`` are the public interface:
   several robots (a ``CrowdParallelVectorEnv``);
 - planners: subclasses of ``Agent``, told about their robot by a ``RobotSpec``, and at every step
   given an ``Observation`` for an ``Action``; ``AgentSpec`` makes one from its name; privileged ones
-  have ``walk_ahead`` to foresee how people will walk;
+  have ``walk_ahead`` to foresee how people will walk, and ``Ways`` that lead past walls;
 - ``ObstacleMap``: scans of the last steps as one image, laid out by a ``MapGeometry``;
   ``ObstacleMaps`` are those of many robots;
 - scenarios: ``load_scenario`` reads a ``Scenario``; ``scenario_names`` and ``scenario_tiers`` list
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     )
     from crowdbench.simulation.vector_env import CrowdVectorEnv, vector_env
     from crowdbench.simulation.walking import Crowd, WalkingModel
+    from crowdbench.simulation.ways import Ways
 
 # Heavy, so imported on first use: ``crowdbench --help`` answers at once.
 _LAZY = {
@@ -72,6 +73,7 @@ _LAZY = {
     "ObstacleMaps": "crowdbench.simulation.obstacle_map",
     "orca_velocities": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
+    "Ways": "crowdbench.simulation.ways",
     "parallel_env": "crowdbench.simulation.env",
     "parallel_vector_env": "crowdbench.simulation.parallel_vector_env",
     "vector_env": "crowdbench.simulation.vector_env",
@@ -100,6 +102,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "WalkingModel",
+    "Ways",
     "YamlError",
     "load_scenario",
     "orca_velocities",

@@ -17,22 +17,11 @@ import math
 import numpy as np
 from crowdbench_agents.informed.prediction import without_hidden
 from crowdbench_agents.informed.stops import Stops
+from crowdbench_agents.informed.streams import Streams
+from crowdbench_agents.informed.walks import ARRIVAL, CELL, likely_directions, weigh
 
-from crowdbench import orca_velocities
 from crowdbench.compiled import compiled
 
-CELL = 0.25
-"""Side of a cell [m]."""
-DIRECTIONS = 180
-"""Preferred directions that are tried."""
-ARRIVAL = 0.3
-"""A pedestrian this near to its goal takes a new one [m]."""
-NOISE = 0.05
-"""Standard deviation of a walk from what the model says of the nearest direction [m/s]."""
-GROUP_NOISE = 0.2
-"""The same of a group's mean velocity from the direction to its goal [m/s]."""
-FLOOR = 1e-5
-"""What a walk counts for where the model does not explain it."""
 FURTHER = 2
 """Goals drawn for after the present leg."""
 _TRIES = 8
@@ -61,13 +50,16 @@ class Goals:
         self._period, self._robot_radius, self._rng = period, robot_radius, rng
         length, width = state["goal_area"]
         x, y = (_middles(side) for side in (length, width))
-        self._cells = np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
+        self._centre = (state["bounds"][:2] + state["bounds"][2:]) / 2
+        self._cells = np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))]) + self._centre
         self._size = np.array([length / len(x), width / len(y)])
         people = len(state["pedestrian_position"])
         self._weights = np.zeros((people, len(self._cells)))
         self._draws = np.empty((futures, people, _DRAWS))
         self._begun, self._switched = np.zeros(people), np.zeros(people)
         self._stops = Stops(people, futures, rng) if state["stop_share"] > 0.0 else None
+        in_streams = (state["pedestrian_stream"] >= 0).any()
+        self._streams = Streams(state, period) if in_streams else None
         self._before = None
 
     def update(self, state, seen):
@@ -78,34 +70,19 @@ class Goals:
             seen: (P,) whose walk counts.
         """
         before, start = self._before, state["pedestrian_start"]
+        stood = _who_stands(before or state)
+        walks_off = stood & ~_who_stands(state)
         for p in range(len(start)):
-            if before is None or (start[p] != before["pedestrian_start"][p]).any():
-                self._begin_leg(p, state, before)
-        if before is None:
-            likely = _of_velocities(state["pedestrian_velocity"], state["pedestrian_speed"], NOISE)
-            place = state["pedestrian_position"]
-        else:
-            place = before["pedestrian_position"]
-            likely = _of_walks(
-                place,
-                before["pedestrian_velocity"],
-                state["pedestrian_speed"],
-                state["pedestrian_acceleration"],
-                state["pedestrian_radius"],
-                state["pedestrian_reactive"],
-                before["robot_active"],
-                before["robot_pose"],
-                before["robot_world_velocity"],
-                self._robot_radius,
-                state["obstacles"],
-                state["walls"],
-                self._period,
-                state["pedestrian_velocity"],
-            )
-        grouped = state["pedestrian_group"] >= 0
-        if grouped.any():
-            likely[grouped] = _of_velocities(*_of_groups(state, grouped), GROUP_NOISE)
-        _weigh(self._weights, self._cells, place, likely, seen)
+            if before is None or walks_off[p] or (start[p] != before["pedestrian_start"][p]).any():
+                self._begin_leg(p, state, before, stood[p])
+        likely = likely_directions(state, before, self._period, self._robot_radius)
+        place = (before or state)["pedestrian_position"]
+        straight = seen & (state["pedestrian_stream"] < 0)
+        for p in np.flatnonzero(straight).tolist():
+            if not weigh(self._weights[p], self._cells, self._cells, *place[p], likely[p]):
+                self._believe_anything(p, state)
+        if self._streams is not None:
+            self._streams.update(state, before, likely, seen)
         self._before = state
 
     def draw(self, state):
@@ -127,19 +104,21 @@ class Goals:
             state["pedestrian_start"],
             state["pedestrian_speed"],
             state["goal_area"],
+            self._centre,
             goal,
             next_goal,
             switch_time,
             further,
         )
         way = np.repeat(goal[:, :, None], state["pedestrian_way"].shape[1], axis=2)
-        # Who walks in a stream shows by its direction where it goes, and leaves there.
-        streams = state["pedestrian_stream"] >= 0
-        way[:, streams] = state["pedestrian_way"][streams]
-        goal[:, streams] = state["pedestrian_goal"][streams]
-        further[:, streams] = goal[:, streams, None]
+        if self._streams is not None:
+            chosen = self._draws[:, :, [_GOAL, _SWITCH, _WHEN, _PLACES]]
+            self._streams.draw(state, chosen, goal, next_goal, switch_time, way)
+            # They leave there.
+            streams = state["pedestrian_stream"] >= 0
+            further[:, streams] = goal[:, streams, None]
         # Who stands does so for all to see.
-        stands = ~(state["pedestrian_walks_on"] | (state["pedestrian_group"] >= 0))
+        stands = _who_stands(state)
         goal[:, stands] = next_goal[:, stands] = state["pedestrian_goal"][stands]
         way[:, stands] = goal[:, stands, None]
         told = without_hidden(state)
@@ -161,13 +140,13 @@ class Goals:
             for k in range(futures)
         ]
 
-    def _begin_leg(self, p, state, before):
+    def _begin_leg(self, p, state, before, stood):
         """Believe of a person at the begin of a leg what is known of all."""
         now, probability = float(state["time"]), float(state["switch_probability"])
         x, y = state["pedestrian_start"][p]
         self._switched[p] = 0.0
         back_x, back_y = math.inf, math.inf
-        if before is not None and probability > 0.0:
+        if before is not None and probability > 0.0 and not stood:
             back_x, back_y = before["pedestrian_start"][p]
             pace = max(float(state["pedestrian_speed"][p]), 1e-3)
             arrived = _mass(self._weights[p], self._cells, x, y, ARRIVAL + pace * self._period)
@@ -176,10 +155,7 @@ class Goals:
             interrupted = probability * self._period / usual
             self._switched[p] = interrupted / (interrupted + arrived)
         self._begun[p] = now if before is None else float(before["time"])
-        _begin(
-            self._weights[p], self._cells, x, y, float(state["least_leg"]), state["obstacles"],
-            float(state["pedestrian_radius"][p]), back_x, back_y, 0.5 * self._switched[p],
-        )  # fmt: skip
+        self._believe_anything(p, state, back_x, back_y, 0.5 * self._switched[p])
         if self._stops is not None:
             self._stops.begin_leg(p)
         draws = self._draws[:, p]
@@ -187,114 +163,24 @@ class Goals:
         # Evenly spread over what is believed.
         draws[:, _GOAL] = (self._rng.permutation(len(draws)) + draws[:, _GOAL]) / len(draws)
 
+    def _believe_anything(self, p, state, back_x=math.inf, back_y=math.inf, back=0.0):
+        """Believe all places alike that are a leg away, and ``back`` of it in one of them."""
+        x, y = state["pedestrian_start"][p]
+        _begin(
+            self._weights[p], self._cells, x, y, float(state["least_leg"]), state["obstacles"],
+            float(state["pedestrian_radius"][p]), back_x, back_y, back,
+        )  # fmt: skip
 
-def _of_groups(state, grouped):
-    """Mean velocities (G, 2) of the groups of all grouped people, at their pace (G,)."""
-    group, velocity = state["pedestrian_group"], state["pedestrian_velocity"]
-    chosen = np.flatnonzero(grouped)
-    means, paces = np.empty((len(chosen), 2)), np.empty(len(chosen))
-    for i, p in enumerate(chosen):
-        members = group == group[p]
-        x, y = velocity[members].mean(axis=0)
-        paces[i] = state["pedestrian_speed"][members].min()
-        means[i] = np.array([x, y]) * (paces[i] / max(math.hypot(x, y), 1e-3))
-    return means, paces
+
+def _who_stands(state):
+    """(P,) who stays at its goal, or goes to a place that shows where it is, as in a queue."""
+    return ~(state["pedestrian_walks_on"] | (state["pedestrian_group"] >= 0))
 
 
 def _middles(side):
     """Middles of the cells along a side of the area."""
     count = max(1, math.ceil(side / CELL))
     return (np.arange(count) + 0.5) * (side / count) - side / 2
-
-
-@compiled()
-def _of_velocities(velocity, speed, noise):
-    """(P, DIRECTIONS) how likely a velocity is for each preferred direction, with nobody near."""
-    likely = np.empty((len(velocity), DIRECTIONS))
-    for a in range(DIRECTIONS):
-        angle = 2 * math.pi * a / DIRECTIONS
-        x, y = math.cos(angle), math.sin(angle)
-        for p in range(len(velocity)):
-            dx, dy = velocity[p, 0] - speed[p] * x, velocity[p, 1] - speed[p] * y
-            likely[p, a] = _density(dx, dy, noise)
-    return likely
-
-
-@compiled()
-def _of_walks(
-    position,
-    velocity,
-    speed,
-    acceleration,
-    radius,
-    reactive,
-    active,
-    robot_pose,
-    robot_velocity,
-    robot_radius,
-    obstacles,
-    walls,
-    period,
-    walked,
-):
-    """(P, DIRECTIONS) how likely what was walked is for each preferred direction.
-
-    Reactive people have seen the robots or not.
-    """
-    people, robots = len(position), len(robot_pose)
-    likely = np.zeros((people, DIRECTIONS))
-    preferred, out = np.empty_like(position), np.empty_like(position)
-    place, sees = np.empty((robots, 2)), np.zeros((people, robots), dtype=np.bool_)
-    for r in range(robots):
-        place[r, 0], place[r, 1] = robot_pose[r, 0], robot_pose[r, 1]
-    for courteous in range(2):
-        for p in range(people):
-            for r in range(robots):
-                sees[p, r] = courteous == 1 and reactive[p] and active[r]
-        for a in range(DIRECTIONS):
-            angle = 2 * math.pi * a / DIRECTIONS
-            x, y = math.cos(angle), math.sin(angle)
-            for p in range(people):
-                preferred[p, 0], preferred[p, 1] = speed[p] * x, speed[p] * y
-            orca_velocities(
-                position, velocity, preferred, speed, radius, sees, place, robot_velocity,
-                robot_radius, 0.5, obstacles, walls, period, out,
-            )  # fmt: skip
-            for p in range(people):
-                dx, dy = out[p, 0] - velocity[p, 0], out[p, 1] - velocity[p, 1]
-                share = math.hypot(dx, dy) / (acceleration[p] * period)
-                if share > 1.0:
-                    dx, dy = dx / share, dy / share
-                dx, dy = walked[p, 0] - velocity[p, 0] - dx, walked[p, 1] - velocity[p, 1] - dy
-                likely[p, a] = max(likely[p, a], _density(dx, dy, NOISE))
-    return likely
-
-
-@compiled()
-def _density(dx, dy, noise):
-    return math.exp(-(dx * dx + dy * dy) / (2 * noise * noise))
-
-
-@compiled()
-def _weigh(weights, cells, position, likely, seen):
-    """Multiply beliefs (P, G) by how likely the walk is on the way to each cell (G, 2)."""
-    for p in range(len(weights)):
-        total = 0.0
-        for g in range(len(cells) if seen[p] else 0):
-            if weights[p, g] > 0.0:
-                dx, dy = cells[g, 0] - position[p, 0], cells[g, 1] - position[p, 1]
-                if dx * dx + dy * dy < (ARRIVAL - CELL / 2) ** 2:
-                    weights[p, g] = 0.0  # it would have arrived
-                    continue
-                part = (math.atan2(dy, dx) / (2 * math.pi) % 1.0) * DIRECTIONS
-                low = int(part) % DIRECTIONS
-                share = part - math.floor(part)
-                between = (1 - share) * likely[p, low] + share * likely[p, (low + 1) % DIRECTIONS]
-                weights[p, g] *= between + FLOOR
-                total += weights[p, g]
-        if total > 0.0:
-            for g in range(len(cells)):
-                weights[p, g] /= total
 
 
 @compiled()
@@ -343,6 +229,7 @@ def _draw(
     start,
     speed,
     area,
+    centre,
     goal,
     next_goal,
     switch_time,
@@ -373,20 +260,21 @@ def _draw(
                     x, y = start[p, 0], start[p, 1]
                 else:
                     x, y = start[p, 0] + share * dx, start[p, 1] + share * dy
-                    x, y = _a_leg_away(u[_PLACES : _PLACES + 2 * _TRIES], x, y, leg, area)
+                    x, y = _a_leg_away(u[_PLACES : _PLACES + 2 * _TRIES], x, y, leg, area, centre)
             next_goal[k, p, 0], next_goal[k, p, 1] = x, y
             for i in range(FURTHER):
                 first = _PLACES + 2 * _TRIES * (1 + i)
-                x, y = _a_leg_away(u[first : first + 2 * _TRIES], x, y, leg, area)
+                x, y = _a_leg_away(u[first : first + 2 * _TRIES], x, y, leg, area, centre)
                 further[k, p, i, 0], further[k, p, i, 1] = x, y
 
 
 @compiled()
-def _a_leg_away(places, x, y, leg, area):
+def _a_leg_away(places, x, y, leg, area, centre):
     """The first of the places at least a leg away from (x, y), else the farthest."""
     best_x, best_y, farthest = x, y, -1.0
     for k in range(len(places) // 2):
-        px, py = (places[2 * k] - 0.5) * area[0], (places[2 * k + 1] - 0.5) * area[1]
+        px = centre[0] + (places[2 * k] - 0.5) * area[0]
+        py = centre[1] + (places[2 * k + 1] - 0.5) * area[1]
         distance = math.sqrt((px - x) * (px - x) + (py - y) * (py - y))
         if distance > farthest:
             best_x, best_y, farthest = px, py, distance

@@ -244,10 +244,10 @@ class CrowdEnv(ParallelEnv):
             PEDESTRIAN_TOP_SPEED,
             obstacle_map,
         )
-        self.state_space = observations.state_space(scenario)
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
         places_of(scenario), routes_of(scenario)  # what they refuse
+        self.state_space = observations.state_space(scenario)
         self._low, self._high = drive.low, drive.high
         self._max_steps = scenario.max_steps
         self._next_seed: np.random.Generator | None = None

@@ -150,6 +150,8 @@ def _is_due(person, walk, world, network, regions):  # type: ignore[no-untyped-d
         walk.stage, walk.intent = walk.last, KEEP
         for axis in range(2):
             person.goal[axis] = walk.stops[walk.last, axis] = person.next_goal[axis]
+        if walk.stream < 0:  # its leg begins here, as in the open
+            person.start[0], person.start[1] = x, y
         _set_out(person, walk, world.time, network)
         return False
     dx, dy = walk.stops[stage, 0] - x, walk.stops[stage, 1] - y

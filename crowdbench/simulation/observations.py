@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from crowdbench.messages import short
 from crowdbench.scenario import Scenario
 from crowdbench.scenario.recorded import AHEAD
-from crowdbench.scenario.streams import MOST_STREAMS
+from crowdbench.scenario.streams import MOST_STREAMS, MOST_VIA
 from crowdbench.simulation.contact import INTENTS
 from crowdbench.simulation.kinematics import Drive
 from crowdbench.simulation.lanes import OUTCOMES, POINTS, RUNNING, TERMS, TIMEOUT
 from crowdbench.simulation.obstacle_map import MapGeometry
+from crowdbench.simulation.routes import routes_of
 from crowdbench.simulation.sensing import as_observation
 from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.world import Lane, World
@@ -67,7 +68,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
     Positions of pedestrians who are not there are NaN.
     """
     r, p, k = scenario.robots.count, scenario.pedestrians.count, scenario.obstacles.count
-    walls = len(walls_of(scenario))
+    walls, routes = len(walls_of(scenario)), routes_of(scenario)
 
     def real(*shape: int) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, np.float64)
@@ -102,6 +103,7 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_next_goal": real(p, 2),
             "pedestrian_way": real(p, POINTS, 2),
             "pedestrian_stream": spaces.Box(-1, MOST_STREAMS - 1, (p,), np.int64),
+            "pedestrian_stage": spaces.Box(-1, MOST_VIA, (p,), np.int64),
             "pedestrian_reactive": spaces.Box(0, 1, (p,), np.bool_),
             "pedestrian_attentive": spaces.Box(0, 1, (p,), np.bool_),
             "pedestrian_attention_time": real(p),
@@ -112,11 +114,13 @@ def state_space(scenario: Scenario) -> spaces.Dict:
             "pedestrian_stop_time": real(p),
             "pedestrian_stop_end": real(p),
             "pedestrian_walks_on": spaces.Box(0, 1, (p,), np.bool_),
+            "bounds": real(4),
             "goal_area": real(2),
             "least_leg": real(),
             "switch_probability": real(),
             "stop_share": real(),
             "stop_duration": real(2),
+            "stream_places": real(*((0, 0, 0, 3) if routes is None else routes.places.shape)),
             "field_of_view": real(),
             "responsibility": real(),
             "way_clearance": real(),
@@ -153,6 +157,7 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_next_goal": people.next_goal.copy(),
         "pedestrian_way": world.ways,
         "pedestrian_stream": world.stream,
+        "pedestrian_stage": world.stage,
         "pedestrian_reactive": people.reactive.copy(),
         "pedestrian_attentive": people.attentive.copy(),
         "pedestrian_attention_time": people.attention_time.copy(),
@@ -163,11 +168,13 @@ def state(world: Lane) -> dict[str, NDArray[Any]]:
         "pedestrian_stop_time": people.stop_time.copy(),
         "pedestrian_stop_end": people.stop_end.copy(),
         "pedestrian_walks_on": people.walks_on.copy(),
+        "bounds": world.bounds,
         "goal_area": world.goal_area,
         "least_leg": np.array(world.least_leg),
         "switch_probability": np.array(world.switch_probability),
         "stop_share": np.array(world.stop_share),
         "stop_duration": world.stop_duration,
+        "stream_places": world.stream_places,
         "field_of_view": np.array(world.field_of_view),
         "responsibility": np.array(world.responsibility),
         "way_clearance": np.array(world.way_clearance),

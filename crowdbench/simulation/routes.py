@@ -23,6 +23,8 @@ from crowdbench.simulation.ways import Network, Ways
 
 MARGINS = (0.2, 0.1, 0.05, 0.0)
 """What people like to keep from walls beside their radius, where passages are wide enough [m]."""
+SQUARE = 0.25
+"""Side of the squares in which people who draw nothing are told of places [m]."""
 _SAMPLE = 12
 """Places of a region between which ways are looked for."""
 
@@ -59,11 +61,15 @@ class Routes(NamedTuple):
         network: where the ways lead.
         regions: what may be drawn.
         member: (P,) stream of every person, -1 without one.
+        places: (N, S, K, 3) the same as squares of 0.25 m, for each stream and each of its start,
+            regions on the way and goal: x, y of the middle of what may be drawn of each [m], and
+            its share of the region; zeros where there are fewer regions or squares.
     """
 
     network: Network
     regions: Regions
     member: Wholes
+    places: Reals
 
 
 def has_routes(scenario: Scenario) -> bool:
@@ -125,8 +131,9 @@ def _routes(same: _Same) -> Routes:
     outlines.append(np.empty((0, 2)))
     spots = [ground.spots(table) for table in tables]
     begins = [np.cumsum([0, *map(len, rows)]) for rows in ([s.corner for s in spots], outlines)]
+    lowest = [spot.corner for spot in spots]
     return Routes(
-        network=_ways(scenario, walls, streams, [spot.corner for spot in spots]).network,
+        network=_ways(scenario, walls, streams, lowest).network,
         regions=Regions(
             corner=np.concatenate([spot.corner for spot in spots]),
             side=ground.side,
@@ -135,6 +142,7 @@ def _routes(same: _Same) -> Routes:
             streams=streams,
         ),
         member=_members(scenario),
+        places=_places(streams, [corner + ground.side / 2 for corner in lowest]),
     )
 
 
@@ -207,6 +215,25 @@ def _connected(ways: Ways, starts: Reals, goals: Reals) -> bool:
         ways.length(start, goal) < math.inf
         for start, goal in zip(starts[some], goals[others[::-1]], strict=True)
     )
+
+
+def _places(streams: Wholes, tables: list[Reals]) -> Reals:
+    """(N, S, K, 3) see ``Routes``, from the middles (C, 2) of all small squares of each table."""
+    regions = [[_squares(tables[t]) for t in row[2 : 3 + row[1]]] for row in streams.tolist()]
+    most = max((len(squares) for stops in regions for squares in stops), default=0)
+    places = np.zeros((len(regions), max(map(len, regions), default=0), most, 3))
+    for i, stops in enumerate(regions):
+        for k, squares in enumerate(stops):
+            places[i, k, : len(squares)] = squares
+    return places
+
+
+def _squares(middles: Reals) -> Reals:
+    """(K, 3) mean and share of those of the points (C, 2) that lie in the same square."""
+    cells = np.floor(middles / SQUARE)
+    _, which, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    mean = [np.bincount(which.ravel(), axis) / count for axis in middles.T]
+    return np.column_stack([*mean, count / len(middles)])
 
 
 def _members(scenario: Scenario) -> Wholes:

@@ -113,6 +113,22 @@ class Ways:
             points.append((x, y))
         return np.array(points)
 
+    def next_points(self, start: Array, goals: Array, remaining: Array) -> Array:
+        """Where the shortest ways from one place to many goals lead next.
+
+        Args:
+            start: (2,) [m].
+            goals: (K, 2) [m].
+            remaining: (K, N) what ``remaining`` returns for each of them [m].
+
+        Returns:
+            (K, 3) x, y of the next point and the length of the whole way [m]. Without a way: the
+            goal and inf.
+        """
+        found = np.empty((len(goals), 3))
+        _next_points(float(start[0]), float(start[1]), goals, remaining, self.network, found)
+        return found
+
     def length(self, start: Array, goal: Array) -> float:
         """Length of the shortest way [m]; inf: there is none."""
         ends = float(start[0]), float(start[1]), float(goal[0]), float(goal[1])
@@ -213,6 +229,14 @@ def lengths_to(x, y, network, lengths):  # type: ignore[no-untyped-def]
             last = math.sqrt(dx * dx + dy * dy)
             for i in range(count):
                 lengths[i] = min(lengths[i], last + between[k, i])
+
+
+@compiled()
+def _next_points(x, y, goals, remaining, network, found):  # type: ignore[no-untyped-def]
+    """Write what ``next_point`` returns for goals (K, 2) into ``found`` (K, 3)."""
+    for k in range(len(goals)):
+        to_x, to_y, length = next_point(x, y, goals[k, 0], goals[k, 1], remaining[k], network)
+        found[k, 0], found[k, 1], found[k, 2] = to_x, to_y, length
 
 
 @compiled()

@@ -110,7 +110,8 @@ class Lane:
 
     @property
     def goal_area(self) -> NDArray[np.float64]:
-        """(2,) length and width of the area, centred, in which pedestrians have their goals [m]."""
+        """(2,) length and width of the area around the middle of ``bounds`` in which pedestrians
+        have their goals [m]."""
         world = self.worlds.state.worlds[self._lane]
         return np.array([2.0 * world["half_length"], 2.0 * world["half_width"]])
 
@@ -175,6 +176,27 @@ class Lane:
         routes = self.worlds.episode(self._lane).prepared.routes
         nowhere = np.full(len(self.pedestrians.speed), -1, dtype=np.int64)
         return nowhere if routes is None else routes.member[self.layout.traits.first]
+
+    @property
+    def stage(self) -> NDArray[np.int64]:
+        """(P,) regions on the way of its stream that lie behind each pedestrian; -1 for those who
+        wait to enter anew, and without a stream."""
+        stream = self.stream
+        if (stream < 0).all():
+            return stream
+        walks = self.worlds.state.walks[self._lane, : len(stream)]
+        return np.where((stream >= 0) & (walks["waiting"] == 0), walks["stage"], -1)
+
+    @property
+    def stream_places(self) -> NDArray[np.float64]:
+        """(N, S, K, 3) squares of the regions of streams, see ``Routes.places``."""
+        routes = self.worlds.episode(self._lane).prepared.routes
+        return np.empty((0, 0, 0, 3)) if routes is None else routes.places.copy()
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(4,) x_min, y_min, x_max, y_max of the area [m]."""
+        return np.array(self.worlds.episode(self._lane).prepared.scenario.arena.bounds)
 
     @property
     def contacts(self) -> dict[int, Contact]:

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from map_scenarios import hall
-from shapely import LineString, MultiLineString
+from shapely import LineString, MultiLineString, Polygon, box, unary_union
 
 from crowdbench import parallel_env, vector_env
 from crowdbench.extensions import WALKING_MODELS
@@ -144,6 +145,50 @@ def test_regions_on_the_way_are_passed_whatever_is_shorter():
     assert (walked(free, steps=60)["position"][:, :, 1] < -1).any(axis=0).sum() > 4
 
 
+def test_the_state_has_what_people_in_streams_draw_their_places_from():
+    """Of the region what is 0.25 m or more from the wall and the pillar, in squares of 5 cm."""
+    pillar = [[-8.3, -0.3], [-7.7, -0.3], [-7.7, 0.3], [-8.3, 0.3]]
+    scenario = two_streams(arena__polygons=[pillar], arena__walls=[[-10, -2, -8, -2]])
+    state = observe_all(World(scenario, 3))
+    places = state["stream_places"]
+    np.testing.assert_allclose(places[..., 2].sum(axis=2), 1.0)
+    np.testing.assert_array_equal(places[0, ::-1], places[1])
+    start = places[0, 0][places[0, 0, :, 2] > 0]
+    assert within(start, REGIONS["west"]).all()
+    assert shapely.distance(Polygon(pillar), shapely.points(start[:, :2])).min() > 0.25
+    room = box(-9, -5, -7, 5)
+    room -= unary_union([Polygon(pillar), LineString([[-10, -2], [-8, -2]])]).buffer(0.25)
+    room = room.buffer(-0.05)
+    middle = start[:, 2] @ start[:, :2]
+    np.testing.assert_allclose(middle, [room.centroid.x, room.centroid.y], atol=0.02)
+    drawn = [World(scenario, seed).pedestrians.goal[8:16] for seed in range(40)]
+    np.testing.assert_allclose(np.concatenate(drawn).mean(axis=0), middle, atol=0.4)
+
+
+def test_the_state_says_which_regions_lie_behind_and_who_waits_to_enter():
+    scenario = two_streams(
+        arena__regions={**REGIONS, "gap": [-0.5, -1, 0.5, 1]},
+        pedestrians__streams=[{"start": "west", "goal": "east", "via": ["gap"]}],
+        pedestrians__count=12,
+    )
+    world = World(scenario, 3)
+    waited = 0
+    for _ in range(150):
+        before, x = world.stage, world.pedestrians.position[:, 0].copy()
+        world.step(STAND)
+        waits = world.stage < 0
+        stands = np.linalg.norm(world.pedestrians.velocity[waits], axis=1)
+        assert (stands[before[waits] < 0] < 0.3).all()
+        waited += waits.sum()
+        assert (world.pedestrians.position[waits, 0] > 6).all()
+        # Whoever passes through the gap has it behind from there on.
+        passes = (before == 0) & (world.stage == 1)
+        assert (np.abs(x[passes]) < 1.0).all()
+        assert (world.stage[(x > 1) & ~waits & (world.pedestrians.position[:, 0] > 1)] == 1).all()
+    assert waited > 0
+    assert (World(two_streams(), 3).stage == [0] * 16 + [-1] * 4).all()
+
+
 def random_map(seed):
     """A border and eight walls anywhere, with two streams and people who walk anywhere."""
     rng = np.random.default_rng(seed)
@@ -208,6 +253,14 @@ def test_multimodal_people_return_to_the_start_or_divert_to_another_streams_goal
     assert (returned == (states["intent"][:, :8] == 1)).all()
     # Nobody who returned is moved: who is in the start region sets out from there.
     assert not within(states["position"][:-1, :8], REGIONS["west"])[entered(states)[:, :8]].any()
+
+
+def test_without_a_stream_a_leg_that_is_interrupted_ends_there_and_another_begins():
+    states = walked(hall(pedestrians__count=8, pedestrians__switch_probability=1.0), steps=60)
+    new_goal = (np.diff(states["goal"], axis=0) != 0).any(axis=2)
+    switches = new_goal & (states["intent"][:-1] != 0) & (states["intent"][1:] == 0)
+    assert switches.sum() > 3
+    np.testing.assert_array_equal(states["start"][1:][switches], states["position"][:-1][switches])
 
 
 def test_lanes_are_the_single_environment_to_the_last_bit():

@@ -76,6 +76,19 @@ def test_where_there_is_no_way_the_path_is_empty():
     assert box.length(START, np.array([0.5, 0.5])) == pytest.approx(math.sqrt(0.5))
 
 
+def test_many_ways_from_one_place_begin_as_each_of_them_does():
+    shut = [[0, 3, 2, 3], [2, 3, 2, 5], [2, 5, 0, 5], [0, 5, 0, 3]]
+    some = ways([[2.0, -3.0, 2.0, 1.0], *shut])
+    goals = np.array([GOAL, [1.0, 0.5], [3.0, -1.0], [1.0, 4.0]])
+    remaining = np.array([some.remaining(goal) for goal in goals])
+    found = some.next_points(START, goals, remaining)
+    for goal, (x, y, length) in zip(goals[:3], found[:3], strict=True):
+        path = some.path(START, goal)
+        assert [x, y] == path[1].tolist()
+        assert length == pytest.approx(length_of(path))
+    assert found[3].tolist() == [1.0, 4.0, math.inf], "nobody gets in there"
+
+
 def test_a_way_does_not_leave_the_bounds():
     wall = np.array([[2.0, -3.0, 2.0, 1.0]])
     closed = Ways(wall, np.empty((0, 3)), RADIUS, bounds=(-1, -5, 5, 1))

@@ -10,6 +10,7 @@ from crowdbench_agents.informed.search import TICKS
 import crowdbench
 
 SEED = 900_002
+ENDS = {"start": [-4.0, -4.0], "goal": [4.0, 4.0]}
 
 
 def watched(steps, scenario="multimodal_fast", futures=40, **overrides):
@@ -169,20 +170,33 @@ def test_groups_go_where_their_first_is_believed_to_go_side_by_side():
     assert np.ptp(ways, axis=0).max() > 0.01, "each future has a goal of its own"
 
 
-def test_who_walks_in_a_stream_is_believed_to_go_its_way():
-    streams = [{"start": "west", "goal": "east"}]
-    regions = {"west": [-9, -5, -8, 5], "east": [8, -5, 9, 5], "robot": [-2, -2, 2, 2]}
-    arena = {"kind": "map", "length": 20, "width": 12, "regions": regions}
-    env = crowdbench.parallel_env(
-        "unimodal_fast",
-        arena=arena,
-        robots={"start": "robot", "goal": "east"},
-        pedestrians={"count": 6, "streams": streams},
-    )
-    env.reset(seed=SEED)
-    state = env.state()
-    agent = Informed(intent="sampled", futures=2)
-    agent.reset(env.robot_spec(), 0)
-    for future in agent._told(state):
-        np.testing.assert_array_equal(future["pedestrian_way"], state["pedestrian_way"])
-        assert (future["pedestrian_goal"][:, 0] > 7.5).all()
+def test_goals_lie_on_the_map_wherever_its_origin_is():
+    arena = {"kind": "map", "length": 12, "width": 8, "centre": [20.0, 10.0]}
+    robots = {"start": [15.0, 10.0], "goal": [25.0, 10.0]}
+    goals, state, _ = watched(0, arena=arena, robots=robots)
+    for name in ("pedestrian_goal", "pedestrian_next_goal", "pedestrian_further"):
+        x, y = np.moveaxis(drawn(goals, state, name), -1, 0)
+        assert ((x > 14) & (x < 26) & (y > 6) & (y < 14)).all()
+
+
+def test_who_leaves_a_queue_begins_a_leg_there():
+    """The first one was served after 4 s: a little later nearly half of its legs may yet change."""
+    line = {"head": [3, 0], "direction": 0, "count": 4, "service": [4, 4], "spacing": 0.8}
+    people = {"count": 5, "reactive": 0, "queues": [line]}
+    goals, state, _ = watched(22, arena={"kind": "map"}, robots=ENDS, pedestrians=people)
+    (first,) = np.flatnonzero((state["pedestrian_queue"] == 0) & state["pedestrian_walks_on"])
+    switches = np.isfinite(drawn(goals, state, "pedestrian_switch_time")[:, first])
+    assert 0.25 < switches.mean() < 0.6
+
+
+def test_where_nothing_is_left_to_be_believed_belief_begins_anew():
+    """The only place believed in is where somebody stands who has not arrived."""
+    goals, state, env = watched(1, pedestrians={"count": 1, "reactive": 0, "goals": "unimodal"})
+    away = np.linalg.norm(goals._cells - state["pedestrian_position"][0], axis=1)
+    goals._weights[0] = away == away.min()
+    goals._weights[0] /= goals._weights[0].sum()
+    env.step({"robot_0": (0.0, 0.0)})
+    goals.update(env.state(), np.ones(1, dtype=bool))
+    believed = drawn(goals, env.state(), "pedestrian_goal")[:, 0]
+    assert np.ptp(believed, axis=0).max() > 1.0
+    assert np.linalg.norm(believed - state["pedestrian_start"][0], axis=1).min() > 4.0 - 0.2
