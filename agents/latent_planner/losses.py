@@ -214,7 +214,7 @@ def policy_loss(
         expert_weight: present weight of the imitation of the expert.
     """
     action, log_prob = drawn
-    values = model.q(states, action).float()
+    values = model.q_along_action(states, action).float()
     value = values.amin(dim=0) if loss.twin_minimum else values.mean(dim=0)
     error = (action - batch.reference).square().sum(dim=-1)
     wanted = loss.imitation * batch.planned + expert_weight * batch.labelled

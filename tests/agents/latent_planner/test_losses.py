@@ -110,7 +110,7 @@ class Linear:
     """A hand-made critic for the policy's loss: Q = 2 a_0."""
 
     @staticmethod
-    def q(latents, action):
+    def q_along_action(latents, action):
         value = 2 * action[..., 0]
         return torch.stack([value, value + 1])
 
