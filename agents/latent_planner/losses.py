@@ -49,7 +49,8 @@ def encode_targets(target: WorldModel, batch: Batch, loss: Loss, noise: Tensor) 
     """Encode later observations, and what they are worth.
 
     Observations are encoded, for value targets and consistency, only every ``loss.n_step`` steps:
-    encoding is most of the work.
+    encoding is most of the work. On a CPU those behind the end of an episode are left out, and both
+    are 0 there: they count for nothing.
 
     Args:
         target: theta^-, the slow copy.
@@ -58,11 +59,27 @@ def encode_targets(target: WorldModel, batch: Batch, loss: Loss, noise: Tensor) 
         noise: (H, B, 2) standard normal, for the target policy.
     """
     ahead = target_steps(len(batch.action), loss.n_step)
-    z = target.encode(Inputs(*(x[ahead] for x in batch.inputs)))
-    action, _ = target.sample(z, noise[: len(ahead)])
-    q = target.q(z, action).float()
-    value = q.amin(dim=0) if loss.twin_minimum else q[0]
+    inputs, noise = Inputs(*(x[ahead] for x in batch.inputs)), noise[: len(ahead)]
+    if noise.device.type == "cpu":
+        counts = batch.valid[[t - 1 for t in ahead]] > 0
+        found = _encode_and_value(
+            target, Inputs(*(x[counts] for x in inputs)), noise[counts], loss.twin_minimum
+        )
+        z, value = (x.new_zeros(counts.shape + x.shape[1:]) for x in found)
+        z[counts], value[counts] = found
+    else:  # where the learner would have to wait to know how many there are
+        z, value = _encode_and_value(target, inputs, noise, loss.twin_minimum)
     return Targets(z, *value_targets(batch, value, loss.discount, loss.n_step))
+
+
+def _encode_and_value(
+    target: WorldModel, inputs: Inputs, noise: Tensor, twin_minimum: bool
+) -> tuple[Tensor, Tensor]:
+    """z (..., latent) of observations, and V (...) by an action drawn there."""
+    z = target.encode(inputs)
+    action, _ = target.sample(z, noise)
+    q = target.q(z, action).float()
+    return z, q.amin(dim=0) if twin_minimum else q[0]
 
 
 def model_loss(
@@ -197,7 +214,7 @@ def policy_loss(
         expert_weight: present weight of the imitation of the expert.
     """
     action, log_prob = drawn
-    values = model.q(states, action).float()
+    values = model.q_along_action(states, action).float()
     value = values.amin(dim=0) if loss.twin_minimum else values.mean(dim=0)
     error = (action - batch.reference).square().sum(dim=-1)
     wanted = loss.imitation * batch.planned + expert_weight * batch.labelled

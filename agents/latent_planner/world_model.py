@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from crowdbench_agents.learning.config import Config, Model
@@ -18,7 +18,7 @@ from crowdbench_agents.learning.encoder import Encoder
 from crowdbench_agents.learning.inputs import ACTION, Inputs
 from crowdbench_agents.learning.weights import load_network
 from torch import Tensor, nn
-from torch.nn.functional import layer_norm, softplus
+from torch.nn.functional import layer_norm, linear, softplus
 
 FORMAT = "crowdbench-world-model-1"
 """Of weights files that hold a world model."""
@@ -117,6 +117,20 @@ class WorldModel(nn.Module):
         """Q(z, a): both estimates, (2, ...)."""
         joint = torch.cat([z, action], dim=-1)
         return torch.stack([network(joint).squeeze(-1) for network in self.q_networks])
+
+    def q_along_action(self, z: Tensor, action: Tensor) -> Tensor:
+        """Q(z, a) as ``q``, up to rounding, for less where only the action has a gradient.
+
+        The first layers' products for z and for a are apart, and that of z has none.
+        """
+        states, actions = z.flatten(0, -2), action.flatten(0, -2)
+        values = []
+        for network in self.q_networks:
+            first = cast(nn.Linear, cast(Mlp, network)[0])
+            for_z, for_action = first.weight.split([z.shape[-1], ACTION], dim=1)
+            x = torch.addmm(linear(states, for_z, first.bias), actions, for_action.t())
+            values.append(cast(Mlp, network).behind_first(x).squeeze(-1))
+        return torch.stack(values).unflatten(1, z.shape[:-1])
 
     def policy(self, z: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and log standard deviation of pi before tanh, (..., 2) each."""

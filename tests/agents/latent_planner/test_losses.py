@@ -82,11 +82,35 @@ def test_steps_behind_the_end_of_an_episode_do_not_count(tiny, sequences):
     assert a.total == b.total
 
 
+@pytest.mark.parametrize("last", [(3, 3, 3), (1, 3, 2), (1, 1, 1)])
+def test_targets_are_those_of_all_observations_where_these_count(last, tiny, sequences):
+    """Each on its own; none is encoded behind the end, not even where that leaves none."""
+    config = tiny(**{"loss.n_step": 3})
+    model, loss, batch = Learner(config, seed=0).target, config.loss, sequences(3, 3)
+    torch.nn.init.normal_(model.q_networks[0][-1].weight)
+    seen = []
+    model.encoder.register_forward_pre_hook(lambda _, inputs: seen.append(len(inputs[0].goal)))
+    for sequence, length in enumerate(last):
+        batch.valid[length:, sequence] = 0
+    noise = torch.randn(3, 3, 2, generator=torch.Generator().manual_seed(0))
+    found = encode_targets(model, batch, loss, noise)
+    assert seen == [last.count(3)]
+    for sequence, length in enumerate(last):
+        if length < 3:
+            assert not found.known[:, sequence].any()
+            continue
+        z = model.encode(Inputs(*(x[3, [sequence]] for x in batch.inputs)))
+        value = model.q(z, model.sample(z, noise[0, [sequence]])[0]).amin()
+        torch.testing.assert_close(found.z[0, [sequence]], z)
+        last_reward = batch.reward[2, sequence]
+        torch.testing.assert_close(found.returns[2, sequence], last_reward + loss.discount * value)
+
+
 class Linear:
     """A hand-made critic for the policy's loss: Q = 2 a_0."""
 
     @staticmethod
-    def q(latents, action):
+    def q_along_action(latents, action):
         value = 2 * action[..., 0]
         return torch.stack([value, value + 1])
 

@@ -46,6 +46,19 @@ def test_shapes_follow_the_leading_dimensions(model, inputs):
     assert model.act(z).shape == (3, 5, 2)
 
 
+def test_q_along_an_action_is_q(model, inputs):
+    for network in model.q_networks:  # which start as the constant 0
+        torch.nn.init.normal_(network[-1].weight)
+    z, action = model.encode(inputs).detach(), inputs.velocity.clone().requires_grad_()
+    found, expected = model.q_along_action(z, action), model.q(z, action)
+    torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-5)
+    slope = torch.tensor([1.0, -2.0]).view(2, 1, 1)
+    torch.testing.assert_close(
+        *(torch.autograd.grad(q, action, slope.expand_as(q))[0] for q in (found, expected)),
+        atol=1e-4, rtol=1e-4,
+    )  # fmt: skip
+
+
 def test_residual_dynamics_start_as_the_identity(model, inputs):
     z = model.encode(inputs)
     # not exactly: the normalisation adds a small constant to the variance
