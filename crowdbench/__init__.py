@@ -16,7 +16,8 @@ The names in ``__all__`` are the public interface:
 - ``read_yaml``: a configuration file of an agent, read as strictly as scenarios are;
 - ``Episode``: the log of one robot's run; ``Metric``: a number that it yields;
 - extensions: a ``Drive`` gives a robot's actions their meaning, a ``WalkingModel`` says how a
-  ``Crowd`` walks, and ``orca_velocities`` is how the pedestrians avoid each other by default.
+  ``Crowd`` walks, and ``orca_velocities`` is how the pedestrians avoid each other by default
+  (``orca_velocities_with`` takes horizons).
 
 ``crowdbench --help`` says what the command line can do.
 """
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from crowdbench.simulation.gym_env import CrowdNavEnv
     from crowdbench.simulation.kinematics import Drive
     from crowdbench.simulation.obstacle_map import MapGeometry, ObstacleMap, ObstacleMaps
-    from crowdbench.simulation.orca import orca_velocities
+    from crowdbench.simulation.orca import orca_velocities, orca_velocities_with
     from crowdbench.simulation.parallel_vector_env import (
         CrowdParallelVectorEnv,
         parallel_vector_env,
@@ -72,6 +73,7 @@ _LAZY = {
     "ObstacleMap": "crowdbench.simulation.obstacle_map",
     "ObstacleMaps": "crowdbench.simulation.obstacle_map",
     "orca_velocities": "crowdbench.simulation.orca",
+    "orca_velocities_with": "crowdbench.simulation.orca",
     "WalkingModel": "crowdbench.simulation.walking",
     "Ways": "crowdbench.simulation.ways",
     "parallel_env": "crowdbench.simulation.env",
@@ -106,6 +108,7 @@ __all__ = [
     "YamlError",
     "load_scenario",
     "orca_velocities",
+    "orca_velocities_with",
     "parallel_env",
     "parallel_vector_env",
     "read_yaml",

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from crowdbench_agents.geometry.footprint import turned
 from crowdbench_agents.geometry.scan import ScanGeometry
+from crowdbench_agents.geometry.steering import slow_to_react
 from numpy.typing import NDArray
 
 import crowdbench
@@ -67,24 +68,23 @@ class Tracker:
         angles = robot.lidar_angles
         self._geometry = ScanGeometry(robot)
         self._cos, self._sin = np.cos(angles), np.sin(angles)
-        self._step = float(abs(angles[1] - angles[0])) if len(angles) > 1 else 2 * np.pi
-        # Only with a full circle the last beam is a neighbour of the first.
-        self._circle = len(angles) * self._step > 2 * np.pi - 1e-6
         self._range = robot.lidar_range
         self._period = robot.control_period
+        self._bridges = slow_to_react(robot)
         # Columns: x, y, vx, vy, radius, scans since last seen, fitted before.
         self._tracks = np.empty((0, 7))
 
     def update(self, observation: crowdbench.Observation) -> Scene:
         """Take in the next scan."""
+        lidar = observation.lidar.astype(np.float64)
         found, segments = _clusters(
-            observation.lidar.astype(np.float64),
+            self._geometry.bridged(lidar) if self._bridges else lidar,
             self._geometry.origin(observation.pose.astype(np.float64)),
             self._cos,
             self._sin,
             self._range,
-            self._step,
-            self._circle,
+            self._geometry.step,
+            self._geometry.circle,
         )
         self._tracks = _track(self._tracks, found, self._period)
         return Scene(self._tracks[:, :5].copy(), segments)

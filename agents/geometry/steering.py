@@ -1,10 +1,18 @@
-"""Commands that a robot with limits on its acceleration can follow."""
+"""Robots that are slow to react, and commands that they can follow."""
 
 from __future__ import annotations
 
 import math
 
 import crowdbench
+
+
+def slow_to_react(robot: crowdbench.RobotSpec) -> bool:
+    """Whether a robot has limits on its acceleration or latency, like those that can be bought.
+
+    Agents take its LiDAR for one that can be bought, too: noisy, with beams that come back empty.
+    """
+    return robot.acceleration is not None or robot.latency > 0
 
 
 def turn_towards(robot: crowdbench.RobotSpec, bearing: float) -> float:

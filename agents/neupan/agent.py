@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from crowdbench_agents.geometry.scan import ScanGeometry
+from crowdbench_agents.geometry.steering import slow_to_react
 from crowdbench_agents.geometry.under_way import CommandsUnderWay, into_frame, relative
 from crowdbench_agents.neupan.dune import Array, Dune, Footprint, load_dune
 from crowdbench_agents.neupan.motion import Tracker
@@ -29,6 +30,10 @@ import crowdbench
 Prediction = Literal["constant_velocity", "static"]
 
 FOLDER = Path(__file__).parent
+FROM_NOISE = {"group_gap": 0.12, "position_noise": 0.05}
+"""How bodies are told apart and followed [m], for a robot that can be bought."""
+MOVING_SCALE = 0.4
+"""The setting of that name, unless a file is given, for a robot that cannot evade at once."""
 FREE_ENOUGH = 2.0
 """Directions that are free for longer are all alike [m]."""
 
@@ -128,6 +133,7 @@ class Neupan(crowdbench.Agent):
             ValueError: a setting out of range.
             WeightsError: the weights are missing or not the ones expected.
         """
+        self._own_settings = not config
         settings = load_settings(Path(config)) if config else load_settings()
         options: dict[str, Any] = {
             "exact": exact,
@@ -149,7 +155,7 @@ class Neupan(crowdbench.Agent):
     def reset(self, robot: crowdbench.RobotSpec, seed: int) -> None:
         """Start an episode: build the planner for this robot, forget the bodies seen."""
         s = self._settings
-        self._robot = robot
+        self._robot, self._slow = robot, slow_to_react(robot)
         limits = Limits(
             low=np.array([robot.speed[0], robot.turn_rate[0]]),
             high=np.array([robot.speed[1], robot.turn_rate[1]]),
@@ -167,10 +173,15 @@ class Neupan(crowdbench.Agent):
             s.iterations,
             s.tolerance,
             s.line_search,
-            s.moving_scale,
+            MOVING_SCALE if self._slow and self._own_settings else s.moving_scale,
         )
         self._limits = limits
-        self._tracker = Tracker(robot.lidar_angles, robot.lidar_range, robot.control_period)
+        self._tracker = Tracker(
+            robot.lidar_angles,
+            robot.lidar_range,
+            robot.control_period,
+            **(FROM_NOISE if self._slow else {}),
+        )
         self._scan, self._under_way = ScanGeometry(robot), CommandsUnderWay(robot)
         self._controls = np.zeros((s.horizon, 2))
         patience = max(2, round(s.freeze_time / robot.control_period))
@@ -192,7 +203,7 @@ class Neupan(crowdbench.Agent):
         speed = min(s.reference_speed, self._limits.high[0])
         period = self._robot.control_period
         # Turn first, then drive: a reference that runs ahead of the turn would call for an arc.
-        wanted = self._drive(bearing, speed)[:, 0]
+        wanted = self._reachable(self._drive(bearing, speed), velocity)[:, 0]
         along = np.minimum(np.cumsum(np.append(0.0, wanted)) * period, length)
         direction = np.array([np.cos(bearing), np.sin(bearing)])
         scene = Scene(
@@ -244,7 +255,10 @@ class Neupan(crowdbench.Agent):
         """
         here, there = observation.pose.astype(np.float64), ahead.pose.astype(np.float64)
         origin = self._scan.origin(here).astype(np.float32)
-        points, moving = self._tracker.update(observation.lidar, origin)
+        scan = observation.lidar.astype(np.float64)
+        points, moving = self._tracker.update(
+            self._scan.bridged(scan) if self._slow else scan, origin
+        )
         if self._settings.predict == "static":
             moving = np.zeros_like(moving)
         shift = relative(here, there)

@@ -33,13 +33,22 @@ FORGET = 0.6  # a body unseen for this long is dropped [s]
 class Tracker:
     """Estimates point velocities from consecutive scans of one episode."""
 
-    def __init__(self, angles: Array, lidar_range: float, period: float) -> None:
+    def __init__(
+        self,
+        angles: Array,
+        lidar_range: float,
+        period: float,
+        group_gap: float = GROUP_GAP,
+        position_noise: float = POSITION_NOISE,
+    ) -> None:
         """Start without bodies.
 
         Args:
             angles: (beams,) direction of each beam from the robot's heading [rad].
             lidar_range: distance of a beam that hits nothing [m].
             period: time between scans [s].
+            group_gap: neighbouring points farther apart than this belong to two things [m].
+            position_noise: standard deviation of a fitted centre [m].
         """
         self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
         spacing = np.min(np.abs(np.diff(angles))) if len(angles) > 1 else 0.0
@@ -52,6 +61,7 @@ class Tracker:
         jerk = np.array([period**2 / 2, period]) * ACCELERATION
         self._process = np.outer(jerk, jerk)
         self._period = period
+        self._group_gap, self._variance = group_gap, position_noise**2
         self._state = np.empty((0, 2, 2))  # position and velocity, by axis, odometry frame
         self._spread = np.empty((0, 2, 2))  # covariance of position and velocity, either axis
         self._unseen = np.empty(0)  # seconds
@@ -65,7 +75,7 @@ class Tracker:
         ranges = np.asarray(scan, dtype=np.float64)
         hit = np.isfinite(ranges) & (ranges < self._range - 1e-3) & (ranges > 0)
         ranges = np.where(hit, ranges, 0.0)
-        group = _groups(ranges, self._beams, hit, self._spacing, self._wraps, GROUP_GAP)
+        group = _groups(ranges, self._beams, hit, self._spacing, self._wraps, self._group_gap)
         points = ranges[:, None] * self._beams
         circles, standing = _bodies(points, group)
         c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -93,13 +103,13 @@ class Tracker:
             distance[t, :] = distance[:, b] = np.inf
             new[b] = False
             spread = self._spread[t]
-            gain = spread[:, 0] / (spread[0, 0] + POSITION_NOISE**2)
+            gain = spread[:, 0] / (spread[0, 0] + self._variance)
             self._state[t] += np.outer(gain, centres[b] - self._state[t, 0])
             self._spread[t] = spread - np.outer(gain, spread[0])
             self._unseen[t] = 0.0
             velocity[b] = self._state[t, 1]
         fresh = np.stack([centres[new], np.zeros((new.sum(), 2))], axis=1)
-        unknown = np.diag([POSITION_NOISE**2, FIRST_SPEED**2])
+        unknown = np.diag([self._variance, FIRST_SPEED**2])
         self._state = np.concatenate([self._state, fresh])
         self._spread = np.concatenate([self._spread, np.repeat(unknown[None], new.sum(), axis=0)])
         self._unseen = np.concatenate([self._unseen, np.zeros(new.sum())])

@@ -1,9 +1,12 @@
 """Small exact worlds to try LiDAR agents in, apart from the simulation."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import shapely
 import torch
+from crowdbench_agents.geometry.steering import reachable
 from crowdbench_agents.learning import precision
 from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
@@ -44,7 +47,8 @@ class LidarWorld:
             c, s = np.cos(pose[2]), np.sin(pose[2])
             frame = np.array([[c, -s], [s, c]])
             seen = self.observe(pose, discs, walls, (goal - pose[:2]) @ frame, action)
-            action = np.clip(agent.act(seen), [0.0, -1.5], [1.0, 1.5])
+            asked = np.clip(agent.act(seen), [0.0, -1.5], [1.0, 1.5])
+            action = np.array(reachable(spec, asked, action))
             for _ in range(10):
                 dt = spec.control_period / 10
                 middle = pose[2] + action[1] * dt / 2
@@ -87,6 +91,14 @@ class LidarWorld:
 def world():
     """A small exact world to try LiDAR agents in."""
     return LidarWorld()
+
+
+@pytest.fixture(scope="session")
+def slow_world():
+    """The same, with limits on the robot's acceleration."""
+    world = LidarWorld()
+    world.spec = dataclasses.replace(world.spec, acceleration=(1.0, 3.0))
+    return world
 
 
 @pytest.fixture

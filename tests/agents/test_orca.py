@@ -35,6 +35,21 @@ def test_it_evades_somebody_who_does_not(world, offset):
     assert np.abs(path[:, 1]).max() > 0.1
 
 
+@pytest.mark.parametrize("offset", [-0.2, 0.1, 0.3])
+def test_with_limits_it_evades_who_comes_faster(slow_world, offset):
+    walker = {"discs": [(8.0, offset, 0.25)], "velocities": [(-1.4, 0.0)]}
+    path, outcome = slow_world.drive(Orca(), goal=(6.0, 0.0), **walker)
+    assert outcome == "success"
+    assert np.abs(path[:, 1]).max() > 0.1
+
+
+def test_with_limits_it_drives_while_it_turns(slow_world):
+    """Turning on the spot first, it has moved 0.05 m after 0.6 s."""
+    path, outcome = slow_world.drive(Orca(), goal=(-1.0, 4.0))
+    assert outcome == "success"
+    assert np.hypot(*path[3, :2]) > 0.15
+
+
 def test_it_passes_an_obstacle_between_walls(world):
     walls = [(-3.0, -1.2, 9.0, -1.2), (-3.0, 1.2, 9.0, 1.2)]
     path, outcome = world.drive(Orca(), goal=(5.0, 0.0), discs=[(2.5, -0.2, 0.35)], walls=walls)

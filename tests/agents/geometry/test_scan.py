@@ -55,3 +55,36 @@ def test_discs_are_tracked_where_they_are(world, mount):
 def test_a_pose_is_where_beams_begin_if_the_lidar_is_at_the_centre():
     pose = np.array([1.0, 2.0, 0.5])
     np.testing.assert_array_equal(ScanGeometry(robot(MOUNTS[0])).origin(pose), pose)
+
+
+@pytest.mark.parametrize("lost", [2, -1, 0, 1])
+def test_a_lost_beam_does_not_break_what_it_fell_on(world, lost):
+    scan = world.scan((0.0, 0.0, 0.0), [(2.0, 0.0, 0.25)]).astype(float)
+    broken = scan.copy()
+    broken[lost] = world.spec.lidar_range
+    np.testing.assert_allclose(ScanGeometry(world.spec).bridged(broken), scan, atol=0.05)
+
+
+def test_beams_between_two_things_stay_empty(world):
+    """Two lost beams in a row, and one between things at different distances, are as they were."""
+    scan = np.full(180, 6.0)
+    scan[[10, 13, 20, 22]] = 2.0, 2.0, 2.0, 2.2
+    np.testing.assert_array_equal(ScanGeometry(world.spec).bridged(scan), scan)
+
+
+def test_the_ends_of_a_narrow_view_are_no_neighbours():
+    narrow = crowdbench.Scenario(name="test", lidar={"beams": 90, "field_of_view": 180})
+    scan = np.full(90, 2.0)
+    scan[[0, -1]] = 6.0
+    geometry = ScanGeometry(crowdbench.RobotSpec.from_scenario(narrow))
+    np.testing.assert_array_equal(geometry.bridged(scan), scan)
+
+
+@pytest.mark.parametrize("changes", [{"acceleration": (1.0, 3.0)}, {"latency": 1}])
+def test_a_robot_that_is_slow_to_react_takes_a_person_with_a_lost_beam_for_a_disc(world, changes):
+    seen = world.observe((0.0, 0.0, 0.0), [(2.0, 0.0, 0.25)])
+    seen.lidar[0] = world.spec.lidar_range
+    # Half of what is seen of it on either side is as straight as a piece of wall.
+    assert len(Tracker(world.spec).update(seen).discs) == 0
+    spec = dataclasses.replace(world.spec, **changes)
+    assert len(Tracker(spec).update(seen).discs) == 1

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import shapely
 import yaml
-from crowdbench_agents.neupan.agent import FOLDER, Neupan, load_settings
+from crowdbench_agents.neupan.agent import FOLDER, MOVING_SCALE, Neupan, load_settings
 from crowdbench_agents.neupan.dune import WeightsError
+from crowdbench_agents.neupan.motion import RING_POINTS
 from crowdbench_agents.neupan.nrmp import Nrmp, rollout
 
 import crowdbench
@@ -232,6 +233,27 @@ def test_acceleration_limits_hold_from_the_first_action_on():
         action = agent.act(sense(spec, np.zeros(3), velocity, (3.0, 3.0)))
         assert np.all(np.abs(action - velocity) <= np.array([0.1, 0.2]) + 1e-5)
         velocity = action
+
+
+def test_a_robot_that_is_slow_to_react_keeps_farther_away_unless_settings_are_given(tmp_path):
+    settings = tmp_path / "config.yaml"
+    settings.write_text((FOLDER / "config.yaml").read_text())
+    at_once, slow = robot(), robot(**{"robots.latency": 1})
+    scales = [
+        agent_for(spec, exact=True, config=config)._pan._moving_scale
+        for spec, config in ((slow, None), (slow, str(settings)), (at_once, None))
+    ]
+    assert scales == [MOVING_SCALE, 0.55, 0.55]
+    assert MOVING_SCALE < 0.55
+
+
+def test_a_robot_that_is_slow_to_react_takes_a_person_with_a_lost_beam_for_one_body():
+    at_once, slow = robot(), robot(**{"robots.latency": 1})
+    seen = sense(at_once, np.zeros(3), (0.0, 0.0), (3.0, 0.0), people=[(2.0, 0.0)])
+    seen.lidar[0] = at_once.lidar_range
+    points = [agent_for(spec, exact=True)._look(seen, seen)[0] for spec in (at_once, slow)]
+    assert len(points[1]) == RING_POINTS
+    assert len(points[0]) != RING_POINTS
 
 
 def test_a_frozen_robot_turns_towards_the_freest_direction():

@@ -54,6 +54,28 @@ def test_two_walkers_keep_their_own_velocities_when_they_pass():
     assert velocity[~near][:, 1] == pytest.approx(-1.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("gap", "bodies"), [(0.12, 2), (0.2, 1)])
+def test_how_far_apart_two_bodies_are_can_be_said(gap, bodies):
+    """Two people 0.10 m apart, one a little farther away."""
+    seen = scan((0, 0, 0), [(1.5, 0.25), (1.9, -0.2)])
+    points, _ = Tracker(ANGLES, RANGE, PERIOD, group_gap=gap).update(seen, np.zeros(3))
+    assert len(points) == bodies * RING_POINTS
+
+
+def test_velocities_in_noise_are_smoother_when_more_of_it_is_expected():
+    rng = np.random.default_rng(0)
+    scans = [scan((0, 0, 0), [(2.0, -2.0 + 0.2 * k)]) + rng.normal(0, 0.02, 180) for k in range(20)]
+    errors = []
+    for noise in (0.03, 0.05):
+        tracker = Tracker(ANGLES, RANGE, PERIOD, position_noise=noise)
+        found = [tracker.update(one, np.zeros(3))[1] for one in scans]
+        off = np.array(
+            [velocity[np.linalg.norm(velocity, axis=1) > 0][0] for velocity in found[6:]]
+        )
+        errors.append(np.sqrt(np.mean(np.sum((off - [0.0, 1.0]) ** 2, axis=1))))
+    assert errors[1] < errors[0] < 0.6
+
+
 def test_walls_stand_still_while_the_robot_drives_past():
     tracker = Tracker(ANGLES, RANGE, PERIOD)
     walls = [[-10, 1.5, 10, 1.5], [-10, -1.5, 10, -1.5], [3, -1.5, 3, 0.5]]
