@@ -45,9 +45,12 @@ def test_the_tables_are_those_that_the_episodes_give(stored, tmp_path):
 
 
 def sample(rows):
-    """Ten stored episodes: of every agent name one, then others, all drawn with a fixed seed."""
+    """Ten stored episodes: of every agent name one, then others, all drawn with a fixed seed.
+
+    Somebody was near in all of them, as to drive straight on says little about an agent.
+    """
     rng = np.random.default_rng(0)
-    rows = rows.sample(frac=1, random_state=rng)
+    rows = rows[rows["min_clearance"] < 0.3].sample(frac=1, random_state=rng)
     names = rows["agent"].str.partition(":")[0]
     each = rows[~names.duplicated()]
     others = rows[~rows["agent"].isin(each["agent"])].drop_duplicates("agent")
