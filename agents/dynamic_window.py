@@ -141,6 +141,7 @@ def _drive(v, w, now, limits, arc):
     a, b = now[0], now[1]
     x, y, heading = 0.0, 0.0, 0.0
     for i in range(len(arc)):
+        # Without limits in one arc from the beginning: tick by tick it would be rounded otherwise.
         if np.isinf(limits[0]):
             x, y, heading = advance(0.0, 0.0, 0.0, v, w, (i + 1) * TICK)
         else:

@@ -26,6 +26,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
+from crowdbench_agents.geometry.steering import slow_to_react
 from crowdbench_agents.geometry.under_way import drive_ahead
 from crowdbench_agents.informed.actions import arcs, lines
 from crowdbench_agents.informed.distance_field import DistanceField
@@ -120,8 +121,7 @@ class Informed(crowdbench.Agent):
             else lines(robot.speed, robot.lateral_speed)
         )
         # Who can stop and turn at once need not know how others will take it.
-        slow = robot.acceleration is not None or robot.latency > 0
-        self._counts_on_people = slow and self._intent != "velocity"
+        self._counts_on_people = slow_to_react(robot) and self._intent != "velocity"
         self._field: DistanceField | None = None
         self._goals: Goals | None = None
         self._plan = np.empty((0, 2))

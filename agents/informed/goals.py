@@ -18,7 +18,13 @@ import numpy as np
 from crowdbench_agents.informed.prediction import without_hidden
 from crowdbench_agents.informed.stops import Stops
 from crowdbench_agents.informed.streams import Streams
-from crowdbench_agents.informed.walks import ARRIVAL, CELL, likely_directions, weigh
+from crowdbench_agents.informed.walks import (
+    ARRIVAL,
+    CELL,
+    likely_directions,
+    taken,
+    weigh,
+)
 
 from crowdbench.compiled import compiled
 
@@ -200,11 +206,8 @@ def _begin(weights, cells, x, y, leg, obstacles, radius, back_x, back_y, back):
     total, nearest, home = 0.0, math.inf, 0
     for g in range(len(cells)):
         dx, dy = cells[g, 0] - x, cells[g, 1] - y
-        weights[g] = 1.0 if dx * dx + dy * dy >= leg * leg else 0.0
-        for k in range(len(obstacles)):
-            dx, dy = cells[g, 0] - obstacles[k, 0], cells[g, 1] - obstacles[k, 1]
-            if math.sqrt(dx * dx + dy * dy) <= obstacles[k, 2] + radius + ARRIVAL:
-                weights[g] = 0.0
+        free = not taken(cells[g, 0], cells[g, 1], obstacles, radius)
+        weights[g] = 1.0 if free and dx * dx + dy * dy >= leg * leg else 0.0
         total += weights[g]
         dx, dy = cells[g, 0] - back_x, cells[g, 1] - back_y
         if dx * dx + dy * dy < nearest:

@@ -18,7 +18,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from crowdbench_agents.informed.walks import ARRIVAL, likely_directions, weigh
+from crowdbench_agents.informed.walks import likely_directions, taken, weigh
 
 import crowdbench
 from crowdbench.compiled import compiled
@@ -82,7 +82,7 @@ class Streams:
         """
         stage, start = state["pedestrian_stage"], state["pedestrian_start"]
         earlier = before or state
-        first = likely_directions(state, None, self._period, 0.0)
+        first = None
         for p in np.flatnonzero(state["pedestrian_stream"] >= 0).tolist():
             new_leg = (start[p] != earlier["pedestrian_start"][p]).any()
             begins = before is None or new_leg or stage[p] != earlier["pedestrian_stage"][p]
@@ -96,6 +96,8 @@ class Streams:
                 )  # fmt: skip
             if seen[p] and stage[p] >= 0:  # who waits stands
                 # Who begins may have been elsewhere a step ago, and comes walking.
+                if begins and first is None:
+                    first = likely_directions(state, None, self._period, 0.0)
                 place = (state if begins else earlier)["pedestrian_position"][p]
                 step, aims = (first if begins else likely)[p], self._aims[p]
                 ahead = self._ways.next_points(place, aims.place, aims.remaining)
@@ -192,11 +194,7 @@ def _off_obstacles(places, share, obstacles, radius):
     """(C,) the share of each place (C, 2) that no obstacle takes; of all if they take all."""
     left, total = np.empty(len(places)), 0.0
     for g in range(len(places)):
-        left[g] = share[g]
-        for k in range(len(obstacles)):
-            dx, dy = places[g, 0] - obstacles[k, 0], places[g, 1] - obstacles[k, 1]
-            if math.sqrt(dx * dx + dy * dy) <= obstacles[k, 2] + radius + ARRIVAL:
-                left[g] = 0.0
+        left[g] = 0.0 if taken(places[g, 0], places[g, 1], obstacles, radius) else share[g]
         total += left[g]
     for g in range(len(places)):
         left[g] = left[g] / total if total > 0.0 else share[g]

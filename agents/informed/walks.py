@@ -148,6 +148,16 @@ def _density(dx, dy, noise):
 
 
 @compiled()
+def taken(x, y, obstacles, radius):
+    """Whether somebody's goal cannot lie at (x, y), since an obstacle (K, 3) is in its place."""
+    for k in range(len(obstacles)):
+        dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
+        if math.sqrt(dx * dx + dy * dy) <= obstacles[k, 2] + radius + ARRIVAL:
+            return True
+    return False
+
+
+@compiled()
 def weigh(weights, places, ahead, x, y, likely):
     """Multiply a person's belief by how likely its step is on the way to each place.
 

@@ -115,27 +115,16 @@ Copies
 A copy is scenario, seed and actions so far, simulated again: it costs as much as the episode so
 far, about a tenth of a millisecond per step, and has no window.
 
-Arguments
----------
-``crowdbench.parallel_env(scenario="multimodal_fast", render_mode=None, obstacle_map=None,
-**overrides)``
-
-- ``scenario``: name, path of a YAML file, or a ``Scenario``.
-- ``render_mode``: ``human`` (a window), ``rgb_array`` or None.
-- ``obstacle_map``: a ``MapGeometry`` for robots to observe the last eight scans as one image too
-  (``crowdbench.ObstacleMap``), ``MapGeometry()`` for that of the learned agents.
-- ``overrides``: scenario fields, nested (``pedestrians={"count": 12}``) or dotted
-  (``**{"pedestrians.count": 12}``).
-
-The same as ``pettingzoo.make("parallel", "crowdbench/crowd-v0", ...)`` once ``crowdbench`` has been
-imported. For one robot, ``gymnasium.make("crowdbench:CrowdNav-v0", ...)`` takes the same arguments.
+Making one
+----------
+``crowdbench.parallel_env`` does; once ``crowdbench`` has been imported,
+``pettingzoo.make("parallel", "crowdbench/crowd-v0", ...)`` too, and for one robot
+``gymnasium.make("crowdbench:CrowdNav-v0", ...)``.
 
 Version history
 ---------------
-- v0: first release.
-
-What happens with the same scenario, seed and actions changes only with the world's version;
-``crowdbench.simulation`` says what each has changed.
+v0 is the first. What happens with the same scenario, seed and actions changes only with the world's
+version; ``crowdbench.simulation`` says what each has changed.
 """
 
 from __future__ import annotations
@@ -181,8 +170,9 @@ def parallel_env(
 
     Args:
         scenario: name of a built-in scenario, path of a YAML file, or a Scenario.
-        render_mode: ``human``, ``rgb_array`` or None.
-        obstacle_map: where the map lies that robots also observe; None: they observe none.
+        render_mode: ``human`` (a window), ``rgb_array`` or None.
+        obstacle_map: where the image lies as which robots also observe the last eight scans
+            (``ObstacleMap``), ``MapGeometry()`` for that of learned agents; None: they have none.
         overrides: scenario fields, nested (``pedestrians={"count": 12}``) or dotted.
 
     Raises:
@@ -221,8 +211,7 @@ class CrowdEnv(ParallelEnv):
             ScenarioError: the drive cannot be used, bodies are too fast for their size, or a region
                 has no room.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            modes = self.metadata["render_modes"]
+        if render_mode not in (None, *(modes := self.metadata["render_modes"])):
             raise ValueError(f"render_mode {render_mode!r}: expected None or one of {modes}")
         self.scenario = scenario
         self.render_mode = render_mode
@@ -237,12 +226,7 @@ class CrowdEnv(ParallelEnv):
         self.agents: list[str] = []
         drive = make_drive(scenario)
         self.action_spaces, self.observation_spaces = observations.agent_spaces(
-            scenario,
-            drive,
-            self._robots,
-            list(self._walkers),
-            PEDESTRIAN_TOP_SPEED,
-            obstacle_map,
+            scenario, drive, self._robots, list(self._walkers), PEDESTRIAN_TOP_SPEED, obstacle_map
         )
         steered_speed = math.hypot(PEDESTRIAN_TOP_SPEED, PEDESTRIAN_TOP_SPEED) if steered else 0.0
         check_speeds(scenario, drive, max(scenario.pedestrians.speed[1], steered_speed))
@@ -311,14 +295,13 @@ class CrowdEnv(ParallelEnv):
 
     def __getstate__(self) -> dict[str, Any]:
         """What fixes the episode so far; ``copy.deepcopy`` and ``pickle`` take this."""
-        begun = self._world is not None
         return {
             "scenario": self.scenario,
             "render_mode": self.render_mode,
             "obstacle_map": self._obstacle_map,
             "spaces": (self.action_spaces, self.observation_spaces),
             "next_seed": self._next_seed,
-            "episode": (self._seed, self._taken) if begun else None,
+            "episode": None if self._world is None else (self._seed, self._taken),
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -346,12 +329,11 @@ class CrowdEnv(ParallelEnv):
             ValueError: a missing, non-finite or wrongly shaped action, or an unknown agent.
             RuntimeError: ``reset`` has not been called.
         """
-        if not self.agents:
-            if self._world is None:
-                raise RuntimeError("call reset() before step()")
-            return {}, {}, {}, {}, {}
         world = self._world
-        assert world is not None
+        if world is None:
+            raise RuntimeError("call reset() before step()")
+        if not self.agents:
+            return {}, {}, {}, {}, {}
         commands, walking = observations.read_actions(world, actions, self._robots, self._walkers)
         commands = np.minimum(np.maximum(commands, self._low), self._high)
         top = PEDESTRIAN_TOP_SPEED
@@ -381,11 +363,8 @@ class CrowdEnv(ParallelEnv):
                 world.remove(self._robots.index(name))
         over = late or not world.active.any()
         seen |= observations.observe_pedestrians(world, self._walkers)
-        targets = world.ways[:, 0] if self._walkers else world.pedestrians.goal
-        for name, p in self._walkers.items():
-            goal, after = targets[p], world.pedestrians.position[p]
-            # To its present goal: a new one, further away, is no loss.
-            rewards[name] = math.dist(goal, before[p]) - math.dist(goal, after)
+        rewards |= observations.progress(world, before, self._walkers)
+        for name in self._walkers:
             terminations[name], truncations[name], infos[name] = False, over, {}
         ended_now = {name for name in seen if terminations[name] or truncations[name]}
         self.agents = [name for name in self.agents if name not in ended_now]

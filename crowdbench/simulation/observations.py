@@ -250,6 +250,26 @@ def results(
     return rewards, terminations, truncations, infos
 
 
+def progress(
+    world: World, before: NDArray[np.float64], walkers: Mapping[str, int]
+) -> dict[str, float]:
+    """How much nearer pedestrian agents have come to their goals [m].
+
+    Args:
+        world: after the step.
+        before: (P, 2) where pedestrians were before it [m].
+        walkers: their places by name.
+    """
+    if not walkers:
+        return {}
+    # To its present goal: a new one, further away, is no loss.
+    targets, after = world.ways[:, 0], world.pedestrians.position
+    return {
+        name: math.dist(targets[p], before[p]) - math.dist(targets[p], after[p])
+        for name, p in walkers.items()
+    }
+
+
 def read_actions(
     world: World, actions: Mapping[str, Any], robots: list[str], walkers: Mapping[str, int]
 ) -> tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]:

@@ -27,22 +27,6 @@ def test_it_turns_on_the_spot_towards_a_goal_behind(world):
     assert w == pytest.approx(1.5)
 
 
-@pytest.mark.parametrize("offset", [-0.2, 0.1, 0.3])
-def test_it_evades_somebody_who_does_not(world, offset):
-    walker = {"discs": [(5.0, offset, 0.25)], "velocities": [(-0.8, 0.0)]}
-    path, outcome = world.drive(Orca(), goal=(5.0, 0.0), **walker)
-    assert outcome == "success"
-    assert np.abs(path[:, 1]).max() > 0.1
-
-
-@pytest.mark.parametrize("offset", [-0.2, 0.1, 0.3])
-def test_with_limits_it_evades_who_comes_faster(slow_world, offset):
-    walker = {"discs": [(8.0, offset, 0.25)], "velocities": [(-1.4, 0.0)]}
-    path, outcome = slow_world.drive(Orca(), goal=(6.0, 0.0), **walker)
-    assert outcome == "success"
-    assert np.abs(path[:, 1]).max() > 0.1
-
-
 def test_with_limits_it_drives_while_it_turns(slow_world):
     """Turning on the spot first, it has moved 0.05 m after 0.6 s."""
     path, outcome = slow_world.drive(Orca(), goal=(-1.0, 4.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from believed import drawn, futures
 from crowdbench_agents.informed.agent import Informed
 from crowdbench_agents.informed.goals import Goals
 from shapely import LineString, MultiLineString
@@ -48,10 +49,6 @@ def watch(env, steps=0, futures=40, seen=True, until=lambda state: False):
         state = env.state()
         goals.update(state, mask)
     return goals, state
-
-
-def drawn(goals, state, name):
-    return np.array([future[name] for future in goals.draw(state)])
 
 
 def within(points, region, by=1e-9):
@@ -169,24 +166,11 @@ def test_who_has_turned_back_is_believed_to_have():
 
 
 def test_nothing_hidden_has_any_influence():
-    def futures(hide):
-        env = world_of(count=6, goals="multimodal")
-        goals, told = None, []
-        for _ in range(6):
-            state = env.state()
-            if hide:
-                state["pedestrian_goal"] += 1.0
-                state["pedestrian_next_goal"] -= 1.0
-                state["pedestrian_switch_time"][:] = 0.0
-                state["pedestrian_intent"][:] = 0
-                state["pedestrian_way"] += 1.0
-            goals = goals or Goals(state, 0.2, 0.25, 3, np.random.default_rng(1))
-            goals.update(state, np.ones(6, dtype=bool))
-            told.append(drawn(goals, state, "pedestrian_way"))
-            env.step({"robot_0": (0.0, 0.0)})
-        return np.array(told)
+    def told(hidden=None):
+        return futures(world_of(count=6, goals="multimodal"), "pedestrian_way", hidden)
 
-    np.testing.assert_array_equal(futures(False), futures(True))
+    names = ("pedestrian_goal", "pedestrian_next_goal", "pedestrian_way")
+    np.testing.assert_array_equal(told(), told(dict(zip(names, (1.0, -1.0, 1.0), strict=True))))
 
 
 def test_commands_differ_from_those_of_who_knows_all_ways():
