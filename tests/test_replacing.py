@@ -3,6 +3,7 @@
 import contextlib
 import resource
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -21,6 +22,8 @@ from crowdbench.study.model import Drawing
 @contextlib.contextmanager
 def room_for(size):
     """No file grows beyond ``size`` bytes: an OSError, here and in ffmpeg, as of a full disk."""
+    # Is looked for before: some kernels count by the limit what ffmpeg tells /dev/null of itself.
+    imageio_ffmpeg.get_ffmpeg_exe()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
