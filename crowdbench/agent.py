@@ -33,7 +33,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from crowdbench.messages import allowed, describe_error, is_interrupt, nearest, quoted, short
+from crowdbench.messages import (
+    allowed,
+    describe_error,
+    describe_text,
+    is_interrupt,
+    nearest,
+    quoted,
+    short,
+)
 from crowdbench.robot import Observation, RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.strict_yaml import YamlError, dump_scalar, load_yaml
@@ -63,6 +71,9 @@ class Agent(ABC):
 
     drives: tuple[str, ...] | None = ("differential",)
     """Names of the drives that it can act for, see ``RobotSpec.drive``; None for all."""
+
+    unsupported_models: tuple[str, ...] = ()
+    """Names of the walking models, see ``pedestrians.model``, among whose people it cannot act."""
 
     weights_sha256: str | None = None
     """Hash of the weights file in use, stored with every result; None without weights."""
@@ -160,6 +171,12 @@ class AgentSpec:
                 range that the agent declares for it, or a broken file.
         """
         factory = find_agent(self.name)
+        lacking = sorted(getattr(factory, "__abstractmethods__", ()))
+        if lacking:
+            raise AgentError(
+                f"agent {quoted(self.name)}: class {factory.__name__!r} has no method "
+                f"{' and no method '.join(lacking)}; every agent has reset and act"
+            )
         accepted = agent_options(factory)
         for key in self.options:
             if key not in accepted:
@@ -174,7 +191,10 @@ class AgentSpec:
         except BaseException as error:
             if is_interrupt(error):
                 raise
-            raise AgentError(f"agent {quoted(str(self))}: {describe_error(error)}") from error
+            # The reader of what is wrong with an option is a user, that of a file its author.
+            of_option = type(error) is ValueError and not _in_file(self.name)
+            told = describe_text(error) if of_option else describe_error(error)
+            raise AgentError(f"agent {quoted(str(self))}: {told}") from error
 
     def _check_ranges(self, factory: type[Agent]) -> None:
         for key, kind in _declared_ranges(factory).items():
@@ -190,17 +210,28 @@ class AgentSpec:
                 ) from error
 
 
-def require_drive(drives: tuple[str, ...] | None, label: str, scenario: Scenario) -> None:
-    """Make sure that an agent can act for the robots of a scenario.
+def require_suited(
+    drives: tuple[str, ...] | None,
+    unsupported_models: tuple[str, ...],
+    label: str,
+    scenario: Scenario,
+) -> None:
+    """Make sure that an agent can act for the robots of a scenario, and among its people.
 
     Args:
-        drives: as the agent declares them.
+        drives, unsupported_models: as the agent declares them.
         label: its name.
         scenario: where it is to drive.
 
     Raises:
-        AgentError: it declares other drives.
+        AgentError: it declares other drives, or the walking model as one that it cannot act among.
     """
+    if scenario.pedestrians.model in unsupported_models:
+        raise AgentError(
+            f"agent {label!r} cannot drive among the people of scenario {scenario.name!r}, whose "
+            f"pedestrians.model is {scenario.pedestrians.model!r}; allowed: any but "
+            f"{', '.join(unsupported_models)}"
+        )
     if drives is not None and scenario.robots.drive not in drives:
         raise AgentError(
             f"agent {label!r} drives {' or '.join(drives)} robots only, and those of scenario "
@@ -227,7 +258,7 @@ def find_agent(name: str) -> type[Agent]:
         AgentError: nothing of that name; the message lists what there is.
     """
     path, _, class_name = name.partition(":")
-    if path.endswith(".py"):
+    if _in_file(name):
         return _from_file(Path(path), class_name)
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
@@ -249,7 +280,7 @@ def code_version(name: str, version: str | None = None) -> str:
         AgentError: the file is gone.
     """
     path = name.partition(":")[0]
-    if path.endswith(".py"):
+    if _in_file(name):
         try:
             return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]
         except OSError as error:
@@ -258,6 +289,11 @@ def code_version(name: str, version: str | None = None) -> str:
         if point.name == name and point.dist is not None:
             return f"{point.dist.name} {version or point.dist.version}"
     return ""
+
+
+def _in_file(name: str) -> bool:
+    """Whether an agent of that name is ``file.py[:Class]``, and no installed one."""
+    return name.partition(":")[0].endswith(".py")
 
 
 def _from_file(path: Path, class_name: str) -> type[Agent]:
@@ -286,6 +322,11 @@ def _from_file(path: Path, class_name: str) -> type[Agent]:
     if not class_name and len(classes) == 1:
         return next(iter(classes.values()))
     if class_name not in classes:
+        if inspect.isclass(vars(module).get(class_name)):
+            raise AgentError(
+                f"agent file {str(path)!r}: class {class_name!r} is not a subclass of "
+                "crowdbench.Agent"
+            )
         found = ", ".join(classes) or "none"
         wanted = f"no agent class {class_name!r}" if class_name else "expected file.py:Class"
         raise AgentError(f"agent file {str(path)!r}: {wanted}; agent classes found: {found}")

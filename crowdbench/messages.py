@@ -7,7 +7,7 @@ import reprlib
 import signal
 import traceback
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -80,16 +80,25 @@ def plain_text(text: str) -> str:
 
 def describe_error(error: BaseException) -> str:
     """Type, text and place of an exception that foreign code has raised, in one line."""
+    text = _line(error, lambda: "".join(traceback.format_exception_only(error)))
+    frames = traceback.extract_tb(error.__traceback__)
+    files = [frame for frame in frames if frame.filename and not frame.filename.startswith("<")]
+    return f"{text} ({files[-1].filename}:{files[-1].lineno})" if files else text
+
+
+def describe_text(error: BaseException) -> str:
+    """Text of an exception that foreign code has raised, in one line; its type without one."""
+    return _line(error, lambda: str(error))
+
+
+def _line(error: BaseException, write: Callable[[], str]) -> str:
     try:
-        text = plain_text(" ".join("".join(traceback.format_exception_only(error)).split()))
+        text = plain_text(" ".join(write().split())) or type(error).__name__
     except BaseException as another:  # what writes an exception is foreign code too
         if is_interrupt(another):
             raise
         text = type(error).__name__
-    frames = traceback.extract_tb(error.__traceback__)
-    files = [frame for frame in frames if frame.filename and not frame.filename.startswith("<")]
-    text = text if len(text) <= _LONGEST_ERROR else f"{text[: _LONGEST_ERROR - 3]}..."
-    return f"{text} ({files[-1].filename}:{files[-1].lineno})" if files else text
+    return text if len(text) <= _LONGEST_ERROR else f"{text[: _LONGEST_ERROR - 3]}..."
 
 
 def is_interrupt(error: BaseException) -> bool:

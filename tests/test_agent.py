@@ -140,7 +140,7 @@ def test_two_files_of_one_name_do_not_mix(written, tmp_path):
         ("raise SystemExit(3)", "SystemExit: 3"),
         ("x = 1", "expected file.py:Class; agent classes found: none"),
         (PLANNER + "class Other(Planner): pass", "agent classes found: Planner, Other"),
-        (PLANNER.replace("def act", "def atc"), "abstract method"),
+        (PLANNER.replace("self.gain = gain", "raise ValueError('no')"), "ValueError: no ("),
         (PLANNER.replace("self.gain = gain", "open('/no/weights')"), "FileNotFoundError"),
     ],
 )
@@ -149,6 +149,33 @@ def test_a_broken_file_is_refused_with_the_reason_and_the_place(written, text, t
     message = refusal(path)
     assert told in message
     assert path in message
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (PLANNER.replace("def act", "def atc"), "class 'Planner' has no method act;"),
+        (
+            "import crowdbench\nclass Planner(crowdbench.Agent): pass",
+            "class 'Planner' has no method act and no method reset;",
+        ),
+        (
+            PLANNER.replace("(crowdbench.Agent)", ""),
+            "class 'Planner' is not a subclass of crowdbench.Agent",
+        ),
+    ],
+)
+def test_a_class_that_is_no_agent_is_told_what_it_lacks(written, text, told):
+    message = refusal(f"{written(text)}:Planner")
+    assert told in message
+    assert "agent.py:" not in message
+
+
+def test_what_installed_agents_say_of_their_options_is_told_as_they_say_it():
+    assert refusal("informed:futures=3") == (
+        "agent 'informed:futures=3': option 'futures' goes with intent=sampled, not with "
+        "intent=known"
+    )
 
 
 def test_a_missing_file_and_a_missing_class_are_named(written):

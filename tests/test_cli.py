@@ -150,6 +150,15 @@ def test_a_run_ends_with_a_table_and_says_where_the_rows_are(place, capsys):
     assert "RuntimeError: no idea (" in text
 
 
+def test_a_run_in_which_an_agent_does_nothing_but_fail_ends_with_1(place, tmp_path, capsys):
+    failing, own = tmp_path / "failing.py", ["--results", tmp_path]
+    failing.write_text(PLANNER.replace("self.seed % 2 == 0", "True"))
+    agents = ["-a", f"{failing}:Planner:fails=true", "-a", "straight_line"]
+    assert run(place, *own, *agents, "-n", 2) == 1
+    assert re.search(r"ended by +2 agent_error", capsys.readouterr().out)
+    assert run(place, *own, "-a", f"{failing}:Planner", "-n", 2) == 0
+
+
 def test_json_is_one_document_and_nothing_else(place):
     text = (place / "output.json").read_text()
     document = json.loads(text)

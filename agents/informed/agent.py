@@ -104,6 +104,8 @@ class Informed(crowdbench.Agent):
             if value is not None and intent not in users:
                 only = " or ".join(f"intent={user}" for user in users)
                 raise ValueError(f"option {option!r} goes with {only}, not with intent={intent}")
+        if intent == "sampled":
+            self.unsupported_models = ("recorded",)  # whose people have no goals to be drawn
         self._intent, self._view = intent, view
         self._growth = GROWTH[intent] if growth is None else growth
         self._price = PRICE[intent] if price is None else price

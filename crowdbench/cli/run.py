@@ -77,6 +77,7 @@ def run(
 
     Every episode is stored with what the robot did; the same command goes on where it was stopped.
     Where the same agent has published episodes in the same scenario, their figures stand beside.
+    The exit status is 1 if episodes are missing, or all of an agent in a scenario are agent errors.
     """
     from crowdbench.cli.progress import ProgressBar
     from crowdbench.evaluation.metrics import METRICS
@@ -141,4 +142,6 @@ def run(
         bar.say_stored(results)
     if missing:
         bar.say_missing(missing)
+    # Some errors are a result, nothing but errors is none.
+    if missing or any((table["outcome"] == "agent_error").all() for table in rows.values()):
         raise typer.Exit(1)

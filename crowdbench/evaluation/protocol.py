@@ -37,6 +37,7 @@ class Described:
     weights_sha256: str
     code: str
     drives: tuple[str, ...] | None
+    unsupported_models: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.agent import Agent, AgentSpec, require_drive
+from crowdbench.agent import Agent, AgentSpec, require_suited
 from crowdbench.evaluation.episode import Episode, Outcome, Source
 from crowdbench.evaluation.heartbeat import RESET
 from crowdbench.messages import describe_error, is_interrupt, plain_text, short
@@ -75,7 +75,7 @@ def run_episode(
 
     Raises:
         ScenarioError, AgentError: they cannot be found or made, there is no room, or the agent
-            cannot act for the scenario's drive.
+            cannot act for the scenario's drive or among its people.
     """
     env = scenario if isinstance(scenario, CrowdEnv) else parallel_env(scenario)
     logs = _logs(env)
@@ -87,7 +87,8 @@ def run_episode(
     if len(agent) != len(logs):
         raise ValueError(f"{len(logs)} robots need as many agents, got {len(agent)}")
     for one in agent:
-        require_drive(one.drives, label or type(one).__name__, env.scenario)
+        name = label or type(one).__name__
+        require_suited(one.drives, one.unsupported_models, name, env.scenario)
     agents = {log.robot: agent[log.index] for log in logs}
     observations, _ = env.reset(seed=seed)
     states: list[State] = [env.state()]

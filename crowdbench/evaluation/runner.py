@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_drive
+from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_suited
 from crowdbench.compiled import note_run, was_run
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven, ResimulationError
@@ -128,7 +128,7 @@ def run(
         The cells of the tasks, in their order, to look up their rows.
 
     Raises:
-        AgentError: an agent cannot be made, or cannot act for a scenario's drive.
+        AgentError: an agent cannot be made, or cannot act for a scenario's drive or people.
         ScenarioError: a scenario has no room, with any of its seeds.
         ResultsError: the results folder cannot be written to.
         ExecutorError, UnknownNameError: agents cannot be run where they should.
@@ -145,7 +145,8 @@ def run(
         identities = _identify(workers, [task.agent for task in tasks])
         for task in tasks:
             label = str(task.agent)
-            require_drive(identities[label].drives, label, task.scenario)
+            its = identities[label]
+            require_suited(its.drives, its.unsupported_models, label, task.scenario)
         cells = [_cell(task, identities[str(task.agent)]) for task in tasks]
         queue: deque[Message] = deque()
         for task, cell in zip(tasks, cells, strict=True):

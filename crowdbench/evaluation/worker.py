@@ -139,9 +139,11 @@ class _Worker:
             del self._agents[count:]
             self._agents += [spec.make() for _ in range(count - len(self._agents))]
             agent = self._agents[0]
-            weights, drives = _weights(spec, agent), _drives(spec, agent)
+            weights = _weights(spec, agent)
+            drives = None if agent.drives is None else _names(spec, agent, "drives")
+            models = _names(spec, agent, "unsupported_models")
             version = _text(spec, "version", vars(type(agent)).get("version"))
-        self._described = Described(weights, code_version(spec.name, version), drives)
+        self._described = Described(weights, code_version(spec.name, version), drives, models)
 
 
 def _plain(error: AgentError | ScenarioError) -> AgentError | ScenarioError:
@@ -169,13 +171,12 @@ def _text(spec: AgentSpec, name: str, value: Any) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _drives(spec: AgentSpec, agent: Agent) -> tuple[str, ...] | None:
-    value: Any = agent.drives
-    if value is None:
-        return None
+def _names(spec: AgentSpec, agent: Agent, attribute: str) -> tuple[str, ...]:
+    """Names that an agent declares."""
+    value: Any = getattr(agent, attribute)
     if not isinstance(value, tuple | list) or not all(isinstance(item, str) for item in value):
         raise AgentError(
-            f"agent {short(str(spec))}: drives is {short(value)}, expected names of drives or None"
+            f"agent {short(str(spec))}: {attribute} is {short(value)}, expected a tuple of names"
         )
     return tuple(plain_text(item) for item in value)
 

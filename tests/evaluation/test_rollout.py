@@ -331,3 +331,17 @@ def test_an_agent_is_not_let_near_robots_that_drive_otherwise():
     assert not hasattr(agent, "robot")
     with pytest.raises(crowdbench.AgentError, match="drives omnidirectional robots only"):
         run_episode(TINY, [DrivesSideways()], seed=0)
+
+
+def test_an_agent_is_not_let_among_people_whom_it_does_not_support():
+    agent = Drives()
+    agent.unsupported_models = ("straight", "orca")
+    with pytest.raises(crowdbench.AgentError) as caught:
+        run_episode(TINY, [agent], seed=0)
+    assert str(caught.value) == (
+        "agent 'Drives' cannot drive among the people of scenario 'multimodal_fast', whose "
+        "pedestrians.model is 'orca'; allowed: any but straight, orca"
+    )
+    assert not hasattr(agent, "robot")
+    (episode,) = run_episode(TINY.override({"pedestrians.model": "social_force"}), [agent], seed=0)
+    assert episode.error is None

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from crossings import crossing, walking
 
 from crowdbench import AgentSpec, ScenarioError, load_scenario
 from crowdbench.agent import AgentError
@@ -195,6 +196,19 @@ def test_a_planner_that_cannot_be_made_ends_the_run_before_it_begins(tmp_path, p
         with pytest.raises(AgentError) as caught:
             run([Task(TINY, good, [0]), Task(TINY, spec, [0])], tmp_path, jobs=1, limits=QUICK)
         assert told in str(caught.value)
+    assert load_results(tmp_path).empty
+
+
+def test_an_agent_that_people_do_not_suit_ends_the_run_before_it_begins(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(walking())
+    informed = AgentSpec.parse("informed:intent=sampled")
+    with pytest.raises(AgentError) as caught:
+        run([Task(TINY, informed, [0]), Task(crossing(path), informed, [0])], tmp_path, jobs=1)
+    assert str(caught.value) == (
+        "agent 'informed:intent=sampled' cannot drive among the people of scenario "
+        "'multimodal_fast', whose pedestrians.model is 'recorded'; allowed: any but recorded"
+    )
     assert load_results(tmp_path).empty
 
 
