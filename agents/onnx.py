@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 import crowdbench
-from crowdbench.messages import explain, short
+from crowdbench.messages import explain, setting, short
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession, NodeArg
@@ -201,7 +201,7 @@ def _read(file: str) -> tuple[bytes, str]:
     from onnx.external_data_helper import load_external_data_for_model, uses_external_data
 
     if not isinstance(file, str):
-        raise ValueError(f"file: expected the name of an ONNX file, got {short(file)}")
+        raise ValueError(f"file: expected the name of an ONNX file, got {setting(file)}")
     try:
         content = Path(file).read_bytes()
     except OSError as error:

@@ -40,6 +40,7 @@ from crowdbench.messages import (
     is_interrupt,
     nearest,
     quoted,
+    setting,
     short,
 )
 from crowdbench.robot import Observation, RobotSpec
@@ -125,7 +126,7 @@ class AgentSpec:
             if not _says_everything(value):
                 raise AgentError(
                     f"agent {quoted(self.name)}, option {short(key)}: expected a number, true, "
-                    f"false, null or text without commas, got {short(value)}"
+                    f"false, null or text without commas, got {setting(value)}"
                 )
         if not str(self).isprintable():
             raise AgentError(f"agent {quoted(str(self))}: a name must be printable")
@@ -206,7 +207,7 @@ class AgentSpec:
             except ValidationError as error:
                 raise AgentError(
                     f"agent {quoted(self.name)}, option {key!r}: expected {allowed(kind)}, "
-                    f"got {short(value)}"
+                    f"got {setting(value)}"
                 ) from error
 
 

@@ -45,9 +45,26 @@ class _Short(reprlib.Repr):
         return repr(x) if x.bit_length() < 200 else f"a number of {x.bit_length()} bits"
 
 
+class _ShortSetting(_Short):
+    def repr_NoneType(self, x: None, level: int) -> str:  # noqa: N802 - the type's name
+        return "null"
+
+    def repr_bool(self, x: bool, level: int) -> str:
+        return "true" if x else "false"
+
+
 def short(value: object) -> str:
     """A value as Python writes it, in one line of at most 100 characters, however large it is."""
-    text = " ".join(_Short().repr(value).split())
+    return _cut(_Short().repr(value))
+
+
+def setting(value: object) -> str:
+    """The same of a value from a YAML file, which knows null, true and false."""
+    return _cut(_ShortSetting().repr(value))
+
+
+def _cut(text: str) -> str:
+    text = " ".join(text.split())
     return text if len(text) <= MAX_LENGTH else f"{text[: MAX_LENGTH - 3]}..."
 
 
@@ -125,9 +142,9 @@ def allowed(annotation: Any, metadata: tuple[Any, ...] = ()) -> str:
     if get_origin(annotation) is Literal:
         *others, last = map(repr, options)
         return f"{', '.join(others)} or {last}" if others else last
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return "a section of `key: value` lines"
     words = next((item.words for item in metadata if isinstance(item, Form)), None)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return words or "a section of `key: value` lines"
     if get_origin(annotation) is tuple:
         each = _limits(_unwrapped(options[0], ())[1])
         return f"{words or 'two numbers'}{f', each {each}' if each else ''}"
@@ -163,14 +180,16 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
         words = [word for word in words if not word.startswith("<")]
     field = ".".join(words)
     field = field if len(field) <= MAX_LENGTH else f"{field[: MAX_LENGTH - 3]}..."
-    value = short(item["input"])
+    value = setting(item["input"])
     if item["type"] == "extra_forbidden":
         section, _ = places[-1]
         word = str(item["loc"][-1])
-        return f"unknown key {short(field)}{nearest(word, list(section.model_fields))}"
+        elsewhere = list(_fields_called(word, model))
+        meant = f"; did you mean {' or '.join(map(repr, elsewhere))}?" if elsewhere else ""
+        return f"unknown key {short(field)}{meant or nearest(word, list(section.model_fields))}"
     if item["type"] == "invalid_key":
         section = f"{'.'.join(map(str, item['loc'][:-1]))}: " if item["loc"][:-1] else ""
-        return f"{section}the key {short(item['input'])} is not a name"
+        return f"{section}the key {setting(item['input'])} is not a name"
     annotation, metadata = places[-1]
     if item["type"] == "value_error":
         text = str(item["ctx"]["error"])
@@ -190,6 +209,15 @@ def _sentence(item: Mapping[str, Any], model: type[BaseModel]) -> str:
     if isinstance(item["loc"][-1] if item["loc"] else None, int):
         annotation, metadata = places[-2]
     return f"{field or model.__name__}: expected {allowed(annotation, metadata)} (got {value})"
+
+
+def _fields_called(word: str, model: type[BaseModel]) -> Iterator[str]:
+    """Dotted names of the fields of that very name in a model and its sections."""
+    for name, field in model.model_fields.items():
+        if name == word:
+            yield name
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from (f"{name}.{within}" for within in _fields_called(word, field.annotation))
 
 
 def _walk(

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from crowdbench.messages import Form, allowed, brief, nearest, printable, short
+from crowdbench.messages import Form, allowed, brief, nearest, printable, setting, short
 
 
 @given(
@@ -42,6 +42,14 @@ def test_a_value_that_contains_itself_is_shown():
 @pytest.mark.parametrize("value", [3, -0.25, "a", [1, 2], None, {"a": 1}, True])
 def test_what_is_short_is_shown_as_python_writes_it(value):
     assert short(value) == repr(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "null"), (True, "true"), ([None, {"a": False}], "[null, {'a': false}]"), ("a", "'a'")],
+)
+def test_a_setting_is_shown_as_its_file_has_it(value, text):
+    assert setting(value) == text
 
 
 def test_the_nearest_name_is_found_and_else_all_are_listed():

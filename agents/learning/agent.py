@@ -15,7 +15,7 @@ from crowdbench_agents.learning.trained_robot import TrainedRobot, warn_of_other
 from numpy.typing import NDArray
 
 import crowdbench
-from crowdbench.messages import short
+from crowdbench.messages import setting, short
 
 if TYPE_CHECKING:
     from crowdbench_agents.learning.config import Config
@@ -107,7 +107,7 @@ class LearnedAgent(crowdbench.Agent):
 
     def _find(self, weights: str) -> Path:
         if not isinstance(weights, str):
-            raise ValueError(f"weights: expected a name or path, got {short(weights)}")
+            raise ValueError(f"weights: expected a name or path, got {setting(weights)}")
         if weights.endswith(".safetensors"):
             if not os.path.isfile(weights):  # noqa: PTH113 - unlike Path, never raises
                 raise ValueError(f"weights: there is no file {short(weights)}")

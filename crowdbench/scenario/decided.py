@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from crowdbench.messages import quoted, short
+from crowdbench.messages import quoted, setting
 from crowdbench.scenario.changes import change
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.people import Pedestrians
@@ -69,6 +69,6 @@ def _refuse(
     for field in decided:
         if field in settings:
             raise ScenarioError(
-                f"scenario {quoted(source)}: {section}.{field}: {short(settings[field])}; the "
+                f"scenario {quoted(source)}: {section}.{field}: {setting(settings[field])}; the "
                 "recording decides it; allowed with pedestrians.model 'recorded': to leave it out"
             )

@@ -9,12 +9,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from crowdbench.messages import nearest, printable, quoted, short
+from crowdbench.messages import nearest, printable, quoted, setting, short
 from crowdbench.scenario.changes import change, merge
 from crowdbench.scenario.decided import leave_to_recording
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
-from crowdbench.scenario.recorded import through_walls
+from crowdbench.scenario.recorded import doubts
 from crowdbench.strict_yaml import YamlError, load_yaml, read_yaml
 
 _LONGEST_NAME = 200
@@ -48,8 +48,8 @@ def _tiers() -> dict[str, str]:
 def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     """Load a scenario by name or from a YAML file, with some fields replaced.
 
-    Warns where a robot may pass its goal between two steps, and where recorded people walk through
-    walls.
+    Warns where a robot may pass its goal between two steps, where recorded people walk through
+    walls, and where robots have farther to go than people walk.
 
     Args:
         name: a built-in scenario, the path of a ``.yaml`` file, or a Scenario.
@@ -69,7 +69,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
         leave_to_recording(document, changes, source=str(name))
         scenario = validate(document, source=str(name))
     _warn_of_passed_goals(scenario)
-    if problem := through_walls(scenario):
+    for problem in doubts(scenario):
         warnings.warn(f"scenario {scenario.name!r}: {problem}", stacklevel=2)
     return scenario
 
@@ -170,7 +170,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         return document
     if not isinstance(parent, str):
         raise ScenarioError(
-            f"{printable(path)}: extends: expected the name of a scenario, got {short(parent)}"
+            f"{printable(path)}: extends: expected the name of a scenario, got {setting(parent)}"
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     merged = merge(beneath, document)
@@ -187,8 +187,8 @@ def _locate(document: dict[str, Any], folder: Path) -> None:
     if not isinstance(people, dict):
         return
     settings = people.get("recording")
-    if settings and isinstance(settings, str):
-        people["recording"] = str(folder / settings)
+    if settings and isinstance(settings, str):  # as a section, so that more can be said of it
+        people["recording"] = {"file": str(folder / settings)}
     elif isinstance(settings, dict) and isinstance(path := settings.get("file"), str):
         settings["file"] = path and str(folder / path)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crowdbench.messages import printable, short
+from crowdbench.messages import printable, setting, short
 from crowdbench.strict_yaml import YamlError, read_yaml
 
 MOST_PIXELS = 16_000_000
@@ -46,33 +46,35 @@ def read_map(path: Path) -> dict[str, Any]:
     except YamlError as error:
         raise ValueError(str(error)) from error
     if not isinstance(document, dict):
-        raise ValueError(f"{place}: {short(document)}; allowed: 'key: value' lines of map_server")
+        raise ValueError(f"{place}: {setting(document)}; allowed: 'key: value' lines of map_server")
 
     def number(key: str, low: float, high: float, default: float | None = None) -> float:
         value = document.get(key, default)
         if value is None:
             raise ValueError(f"{place}: {key} is missing; allowed: a number, {low:g} to {high:g}")
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise ValueError(f"{place}: {key}: {short(value)}; allowed: {low:g} to {high:g}")
+            raise ValueError(f"{place}: {key}: {setting(value)}; allowed: {low:g} to {high:g}")
         if not low <= value <= high:
-            raise ValueError(f"{place}: {key}: {short(value)}; allowed: {low:g} to {high:g}")
+            raise ValueError(f"{place}: {key}: {setting(value)}; allowed: {low:g} to {high:g}")
         return float(value)
 
     resolution = number("resolution", 0.001, 10)  # m per pixel
     threshold = number("occupied_thresh", 0, 1, 0.65)
     negate = document.get("negate", 0)
     if isinstance(negate, bool) or negate not in (0, 1):
-        raise ValueError(f"{place}: negate: {short(negate)}; allowed: 0 or 1")
+        raise ValueError(f"{place}: negate: {setting(negate)}; allowed: 0 or 1")
     mode = document.get("mode", "trinary")
     if mode not in ("trinary", "scale"):
         raise ValueError(
-            f"{place}: mode: {short(mode)}; allowed: trinary or scale, in which what is solid is "
+            f"{place}: mode: {setting(mode)}; allowed: trinary or scale, in which what is solid is "
             "darker than occupied_thresh"
         )
     x, y = _origin(document.get("origin", [0, 0, 0]), place)
     image = document.get("image")
     if not isinstance(image, str):
-        raise ValueError(f"{place}: image: {short(image)}; allowed: the name of a PGM or PNG file")
+        raise ValueError(
+            f"{place}: image: {setting(image)}; allowed: the name of a PGM or PNG file"
+        )
     try:
         bright = _brightness(path.parent / image)
     except ValueError as error:
@@ -101,8 +103,8 @@ def _origin(value: Any, place: str) -> tuple[float, float]:
         x, y, yaw = np.nan, np.nan, []
     if not (np.isfinite([x, y]).all() and max(abs(x), abs(y)) < 9_000 and yaw in ([], [0.0])):
         raise ValueError(
-            f"{place}: origin: {short(value)}; allowed: [x, y, yaw] (m) of the lower left corner, "
-            "up to 9,000 m away, with a yaw of 0"
+            f"{place}: origin: {setting(value)}; allowed: [x, y, yaw] (m) of the lower left "
+            "corner, up to 9,000 m away, with a yaw of 0"
         )
     return x, y
 

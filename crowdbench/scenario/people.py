@@ -29,7 +29,9 @@ Radius = Annotated[Positive, Field(le=2)]
 
 
 def _named(value: Any) -> Any:
-    """Take a path alone for a recording that needs nothing else."""
+    """Take a path alone for a recording that needs nothing else, and null for none."""
+    if value is None:
+        return {}
     return {"file": value} if value and isinstance(value, str) else value
 
 
@@ -57,7 +59,11 @@ class Pedestrians(Section):
     model: Annotated[Text, known(WALKING_MODELS)] = Field(
         "orca", description="how they avoid others: the name of a walking model"
     )
-    recording: Annotated[Recording, BeforeValidator(_named)] = later(
+    recording: Annotated[
+        Recording,
+        BeforeValidator(_named),
+        Form("the path of a recording, a section that has it as `file`, or null"),
+    ] = later(
         Recording(),
         "0.2",
         description="the file by which people walk, where the model is `recorded`",

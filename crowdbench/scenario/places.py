@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from crowdbench.messages import Form, short
+from crowdbench.messages import Form, setting
 
 FARTHEST = 10_000
 """Of a coordinate from the origin [m]."""
@@ -45,19 +45,19 @@ def _numbers(value: Any, count: int) -> tuple[float, ...] | None:
 def _point(value: Any) -> Any:
     point = _numbers(value, 2)
     if point is None:
-        raise ValueError(f"{short(value)} is no point; allowed: two numbers [x, y] (m)")
+        raise ValueError(f"{setting(value)} is no point; allowed: two numbers [x, y] (m)")
     return point
 
 
 def _walls(value: Any) -> Any:
     if not _is_list(value):
-        raise ValueError(f"{short(value)}; allowed: a list of walls [x1, y1, x2, y2] (m)")
+        raise ValueError(f"{setting(value)}; allowed: a list of walls [x1, y1, x2, y2] (m)")
     walls = []
     for number, item in enumerate(value, 1):
         wall = _numbers(item, 4)
         if wall is None or wall[:2] == wall[2:]:
             raise ValueError(
-                f"wall {number} is {short(item)}; allowed: four numbers [x1, y1, x2, y2] (m), "
+                f"wall {number} is {setting(item)}; allowed: four numbers [x1, y1, x2, y2] (m), "
                 "its two ends apart"
             )
         walls.append(wall)
@@ -66,7 +66,7 @@ def _walls(value: Any) -> Any:
 
 def _polygons(value: Any) -> Any:
     if not _is_list(value):
-        raise ValueError(f"{short(value)}; allowed: a list of polygons [[x, y], ...] (m)")
+        raise ValueError(f"{setting(value)}; allowed: a list of polygons [[x, y], ...] (m)")
     return tuple(_polygon(item, f"polygon {number}") for number, item in enumerate(value, 1))
 
 
@@ -78,7 +78,7 @@ def _polygon(value: Any, name: str) -> tuple[Point, ...]:
     """
     corners = [_numbers(item, 2) for item in value] if _is_list(value) else [None]
     if None in corners:
-        raise ValueError(f"{name} is {short(value)}; allowed: a list of corners [x, y] (m)")
+        raise ValueError(f"{name} is {setting(value)}; allowed: a list of corners [x, y] (m)")
     ring: list[Point] = [(corner[0], corner[1]) for corner in corners if corner is not None]
     if len(ring) > 1 and ring[0] == ring[-1]:
         ring.pop()
@@ -103,7 +103,7 @@ def _polygon(value: Any, name: str) -> tuple[Point, ...]:
 def _regions(value: Any) -> Any:
     if not isinstance(value, dict):
         raise ValueError(
-            f"{short(value)}; allowed: a section of `name: [x_min, y_min, x_max, y_max]` or "
+            f"{setting(value)}; allowed: a section of `name: [x_min, y_min, x_max, y_max]` or "
             "`name: [[x, y], ...]` lines (m)"
         )
     if len(value) > MOST_REGIONS:
@@ -111,19 +111,21 @@ def _regions(value: Any) -> Any:
     regions: dict[str, Any] = {}
     for name, item in value.items():
         if not (isinstance(name, str) and _NAME.fullmatch(name)):
-            raise ValueError(f"the name {short(name)}; allowed: 1 to 100 letters, digits, _ and -")
+            raise ValueError(
+                f"the name {setting(name)}; allowed: 1 to 100 letters, digits, _ and -"
+            )
         rectangle = _numbers(item, 4)
         if rectangle is None:
             if not _is_list(item) or not any(map(_is_list, item)):
                 raise ValueError(
-                    f"{name} is {short(item)}; allowed: a rectangle [x_min, y_min, x_max, y_max] "
+                    f"{name} is {setting(item)}; allowed: a rectangle [x_min, y_min, x_max, y_max] "
                     "or the corners [[x, y], ...] of a polygon (m)"
                 )
             regions[name] = _polygon(item, name)
             continue
         if not (rectangle[0] < rectangle[2] and rectangle[1] < rectangle[3]):
             raise ValueError(
-                f"{name} is {short(item)}; allowed: [x_min, y_min, x_max, y_max] with "
+                f"{name} is {setting(item)}; allowed: [x_min, y_min, x_max, y_max] with "
                 "x_min < x_max and y_min < y_max (m)"
             )
         regions[name] = rectangle
@@ -136,8 +138,8 @@ def _place(value: Any) -> Any:
     point = _numbers(value, 2)
     if point is None:
         raise ValueError(
-            f"{short(value)}; allowed: the name of a region of arena.regions, a point [x, y] (m), "
-            "or null"
+            f"{setting(value)}; allowed: the name of a region of arena.regions, a point [x, y] "
+            "(m), or null"
         )
     return point
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -65,8 +66,8 @@ def completed(scenario: Scenario) -> dict[str, Any]:
     if people.model != "recorded":
         if people.recording.file:
             raise ValueError(
-                f"pedestrians.recording.file: {short(people.recording.file)}; allowed: none, or "
-                "pedestrians.model 'recorded'"
+                f"pedestrians.recording.file: {short(people.recording.file)}; allowed: none with "
+                f"pedestrians.model {people.model!r} (pedestrians.recording: null)"
             )
         return {}
     if not people.recording.file:
@@ -158,10 +159,31 @@ def origin(recording: CrowdRecording, arena: Arena) -> NDArray[np.float64]:
     return (low + high) / 2
 
 
-def through_walls(scenario: Scenario) -> str:
-    """Who of the recorded people walks through walls or solids, in words; empty for nobody."""
+def doubts(scenario: Scenario) -> list[str]:
+    """What about a recording and a scenario may not be meant so, each in words."""
     if not scenario.pedestrians.recording.file:
+        return []
+    return list(filter(None, (_through_walls(scenario), _beyond_everybody(scenario))))
+
+
+def _beyond_everybody(scenario: Scenario) -> str:
+    """Whether robots have farther to go than there are people; empty if not."""
+    robots = scenario.robots
+    if robots.start is not None or scenario.arena.kind == "map":
         return ""
+    recording, _ = load(scenario.pedestrians.recording)
+    length, width = np.subtract(*reversed(recording.extent)).tolist()
+    longest = math.hypot(length + 2 * _MARGIN, width + 2 * _MARGIN)
+    if robots.travel <= longest:
+        return ""
+    return (
+        f"robots.travel: {robots.travel:g} m lead past everybody, as the recorded people walk "
+        f"within {length:.3g} x {width:.3g} m; among them it is {longest:.3g} m at most"
+    )
+
+
+def _through_walls(scenario: Scenario) -> str:
+    """Who of the recorded people walks through walls or solids; empty for nobody."""
     import shapely  # here, since few scenarios have recordings
 
     recording, _ = load(scenario.pedestrians.recording)

@@ -33,6 +33,7 @@ _FACING = math.pi / 6
 _ATTEMPTS = 300
 _BLINK = 0.5
 """How often it is asked whether somebody is at a goal [s]."""
+_CROWDED = "somebody is within pedestrians.spawn_clearance of every start"
 
 
 class _Drawn(NamedTuple):
@@ -106,9 +107,11 @@ def place_crossing(scenario: Scenario, seed: int, places: Places | None) -> Layo
     if places is None:
         route = scenario.pedestrians.recording.route
         how, fields = f"{route} its main direction", "robots.travel or pedestrians.recording.route"
+    others = "pedestrians.spawn_clearance, " if problem == _CROWDED else ""
     raise NoRoomError(
         f"scenario {scenario.name!r}: recording {recording.name!r} cannot be crossed {how} with "
-        f"seed {seed}: {problem} in {_ATTEMPTS} draws; change pedestrians.recording, {fields}",
+        f"seed {seed}: {problem} in {_ATTEMPTS} draws; change {others}pedestrians.recording, "
+        f"{fields}",
         seed,
     )
 
@@ -130,7 +133,7 @@ def _unfit(
     touching = robot_radius(scenario.robots) + scenario.pedestrians.radii[1]
     clear = touching + scenario.pedestrians.spawn_clearance
     if (distances(around[0], drawn.pose[:, :2]) <= clear).any():
-        return "somebody is within pedestrians.spawn_clearance of every start"
+        return _CROWDED
     if not all(_met(way, people) for way in drawn.ways):
         return f"nobody comes within {NEAR:g} m of the robot's way"
     for way in drawn.ways:

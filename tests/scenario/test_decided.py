@@ -78,6 +78,46 @@ def test_a_copy_of_all_fields_sets_none_in_particular(folder):
     assert load_scenario("unimodal_slow", **copy) == scenario
 
 
-def test_who_walks_by_a_model_again_has_all_fields(folder):
-    back = "pedestrians: {model: orca, count: 3, recording: {file: ''}}\n"
+@pytest.mark.parametrize("nothing", ["null", "{file: ''}"])
+def test_who_walks_by_a_model_again_has_all_fields(folder, nothing):
+    back = f"pedestrians: {{model: orca, count: 3, recording: {nothing}}}\n"
     assert load(folder, "extends: crossing.yaml\n" + back).pedestrians.count == 3
+
+
+def test_people_are_simulated_again_by_changes_alone(folder):
+    path = folder / "crossing.yaml"
+    changes = {"pedestrians.model": "orca", "pedestrians.recording": None, "pedestrians.count": 3}
+    assert (
+        load_scenario(path, **changes).digest
+        == load_scenario("open", **{"robots.travel": 6, "pedestrians.count": 3}).digest
+    )
+    again = load_scenario(path).override(changes).pedestrians
+    assert (again.model, again.count, again.recording.file) == ("orca", 3, "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"recording": None}, "recording: missing; allowed: the path of a recording"),
+        *(
+            (
+                {"recording": value},
+                "recording: expected the path of a recording, a section that has it as `file`, or "
+                f"null (got {value!r})",
+            )
+            for value in ("", 5, [])
+        ),
+    ],
+    ids=str,
+)
+def test_what_is_no_recording_is_refused(folder, changes, told):
+    with pytest.raises(ScenarioError) as refusal:
+        load_scenario(folder / "crossing.yaml", pedestrians=changes)
+    assert str(refusal.value).endswith(f"crossing.yaml': pedestrians.{told}")
+
+
+def test_more_can_be_said_of_a_recording_that_is_a_path_alone(folder):
+    changed = load_scenario(folder / "crossing.yaml", **{"pedestrians.recording.route": "along"})
+    assert changed.pedestrians.recording.route == "along"
+    extended = "extends: crossing.yaml\npedestrians: {recording: {route: along}}\n"
+    assert load(folder, extended) == changed.model_copy(update={"name": "mine"})

@@ -73,6 +73,19 @@ def test_a_missing_file_is_named():
     ("text", "told"),
     [
         ("pedestrians: {cout: 3}", "unknown key 'pedestrians.cout'; did you mean 'count'?"),
+        (
+            "pedestrians: {route: along}",
+            "unknown key 'pedestrians.route'; did you mean 'pedestrians.recording.route'?",
+        ),
+        (
+            "robots: {radius: 0.2}",
+            "'robots.radius'; did you mean 'obstacles.radius' or 'pedestrians.radius'?",
+        ),
+        ("count: 3", "'count'; did you mean 'robots.count' or 'obstacles.count' or 'pedest"),
+        ("pedestrians: {radius: null}", "each >= 0.001 and <= 2 (got null)"),
+        ("lidar: null", "lidar: expected a section of `key: value` lines (got null)"),
+        ("lidar: {noise: true}", "lidar.noise: expected a number >= 0 and <= 1 (got true)"),
+        ("arena: {walls: [null]}", "wall 1 is null; allowed: four numbers"),
         ("pedestrian: {count: 3}", "unknown key 'pedestrian'; did you mean 'pedestrians'?"),
         ("pedestrians: {1: 3}", "pedestrians: the key 1 is not a name"),
         ("1: 3", "the key 1 is not a name"),

@@ -134,7 +134,7 @@ def test_the_image_is_found_beside_the_file_that_names_it(tmp_path, monkeypatch)
         ({"occupied_thresh": 65}, "occupied_thresh: 65; allowed: 0 to 1"),
         ({"origin": [0, 0, 0.5]}, "origin: [0, 0, 0.5]; allowed: [x, y, yaw]"),
         ({"origin": 3}, "origin: 3; allowed"),
-        ({"image": None}, "image: None; allowed: the name of a PGM or PNG file"),
+        ({"image": None}, "image: null; allowed: the name of a PGM or PNG file"),
         ({"image": "none.pgm"}, "none.pgm does not exist; allowed: a PGM or PNG file"),
         ({"image": "room.yaml"}, "room.yaml cannot be read as a picture"),
         ({"mode": "raw"}, "room.yaml: mode: 'raw'; allowed: trinary or scale"),

@@ -112,7 +112,7 @@ def test_no_field_takes_a_value_of_another_kind(field):
         ("arena", "open", "arena: expected a section of `key: value` lines (got 'open')"),
         ("arena.kind", 3, "arena.kind: expected 'open', 'corridor' or 'map' (got 3)"),
         ("description", 3, "description: expected text (got 3)"),
-        ("lidar.noise", True, "lidar.noise: expected a number >= 0 and <= 1 (got True)"),
+        ("lidar.noise", True, "lidar.noise: expected a number >= 0 and <= 1 (got true)"),
     ],
 )
 def test_forms_are_named_in_words(field, value, told):

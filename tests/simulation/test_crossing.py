@@ -206,6 +206,22 @@ def test_a_recording_with_nobody_in_the_way_is_refused(tmp_path):
         CrowdEnv(scenario).reset(seed=0)
 
 
+def test_a_clearance_that_nobody_keeps_is_named_among_what_to_change(recording):
+    scenario = crossing(recording, **{"pedestrians.spawn_clearance": 100.0})
+    with pytest.raises(ScenarioError, match=r"change pedestrians.spawn_clearance, pedestrians.rec"):
+        place(scenario, 0)
+
+
+def test_a_way_longer_than_people_walk_is_told_of(recording):
+    # 12 x 0.7 m, with a metre more on either side: the diagonal of 14 x 2.7 m.
+    told = r"robots.travel: 14.3 m .* people walk within 12 x 0.\d+ m; among them it is 14.3 m at"
+    with pytest.warns(UserWarning, match=told):
+        crossing(recording, **{"robots.travel": 14.3})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        crossing(recording, **{"robots.travel": 14.2})
+
+
 def test_the_main_direction_is_an_axis(tmp_path):
     path = tmp_path / "both.csv"
     lines = ["id,time [s],x [m],y [m]"]

@@ -207,7 +207,7 @@ def test_a_path_starts_at_the_scenarios_file(recording):
     [
         ({"pedestrians.recording": "nowhere.csv"}, "nowhere.csv': No such file"),
         ({"pedestrians.recording.file": ""}, "pedestrians.recording: missing"),
-        ({"pedestrians.model": "orca"}, "allowed: none, or pedestrians.model 'recorded'"),
+        ({"pedestrians.model": "orca"}, "allowed: none with pedestrians.model 'orca' (ped"),
         ({"pedestrians.control": "agents"}, "pedestrians.control"),
         ({"arena.kind": "corridor"}, "allowed for recorded people: open or map"),
         ({"obstacles.count": 2}, "obstacles.count"),
