@@ -61,8 +61,10 @@ def recompute(
     told = f"{found.episodes:,} episodes simulated again; filled in: {filled or 'nothing'}"
     if found.disagreements:
         told += f"; {len(found.disagreements):,} came out otherwise and stay as they were"
-    else:
+    elif found.episodes:
         told += "; everything else came out the same"
+    else:
+        told = "no episode could be simulated again, so nothing was checked"
     out().print(told, markup=False, soft_wrap=True)
     if found.disagreements:
         raise typer.Exit(1)

@@ -34,6 +34,7 @@ from crowdbench.evaluation.remeasure import (
 )
 from crowdbench.evaluation.stored import defined_scenario
 from crowdbench.messages import short
+from crowdbench.scenario import ScenarioError
 from crowdbench.simulation import WORLD_VERSION
 
 
@@ -94,13 +95,17 @@ def _cells(connection: sqlite3.Connection, found: Recomputed) -> list[_Cell]:
         GROUP BY cells.id ORDER BY scenario, agent, cells.id"""
     cells = []
     for number, label, agent, world, digest, definition, rows, kept in connection.execute(query):
-        scenario = defined_scenario(label, digest, definition)
         name = f"{agent} in {label}"
         if world != WORLD_VERSION:
             found.without_commands.append(
                 f"{name}: {rows} rows of world {short(world)}; this crowdbench simulates world "
                 f"{WORLD_VERSION}, where the same actions come to other episodes"
             )
+            continue
+        try:
+            scenario = defined_scenario(label, digest, definition)
+        except ScenarioError as error:
+            found.without_commands.append(f"{name}: {rows} rows: {error}")
             continue
         if kept and scenario is None:
             found.without_commands.append(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from crowdbench.evaluation.database import CELL_IS, opened_for_reading
 from crowdbench.evaluation.driven import simulate
 from crowdbench.evaluation.episode import Episode
 from crowdbench.evaluation.results import Cell, latest_cells, load_driven
+from crowdbench.messages import explain
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
 
 
@@ -27,21 +31,39 @@ def find_cells(folder: Path, scenario: str | None = None, agent: str | None = No
 
 
 def find_scenario(folder: Path, cell: Cell) -> Scenario | None:
-    """The scenario of a cell, as it was; None if that is not known any more."""
+    """The scenario of a cell, as it was; None if that is not known any more.
+
+    Warns where it is known, but cannot be made, as of a recording that is gone.
+    """
     definition = ""
     with opened_for_reading(folder) as connection:
         if connection is not None:
             query = f"SELECT definition FROM cells {CELL_IS}"
             definition = (connection.execute(query, cell.identity).fetchone() or [""])[0]
-    return defined_scenario(cell.scenario, cell.scenario_digest, definition)
+    try:
+        return defined_scenario(cell.scenario, cell.scenario_digest, definition)
+    except ScenarioError as error:
+        warnings.warn(str(error), stacklevel=2)
+        return None
 
 
 def defined_scenario(label: str, digest: str, definition: str) -> Scenario | None:
-    """The scenario with a digest, from its JSON or else by its name; None if it is neither."""
-    try:
-        found = Scenario.model_validate_json(definition) if definition else load_scenario(label)
-    except (ScenarioError, ValueError):
-        return None
+    """The scenario with a digest, from its JSON or else by its name; None if it is neither.
+
+    Raises:
+        ScenarioError: it cannot be made of its JSON; the message says why.
+    """
+    if definition:
+        try:
+            found = Scenario.model_validate_json(definition)
+        except ValidationError as error:
+            why = explain(error, Scenario)
+            raise ScenarioError(f"scenario {label!r} cannot be made again: {why}") from error
+    else:
+        try:
+            found = load_scenario(label)
+        except ScenarioError:
+            return None
     return found if found.digest == digest else None
 
 

@@ -8,6 +8,7 @@ import os
 import sqlite3
 
 import pytest
+from crossings import crossing, walking
 
 from crowdbench import AgentSpec, load_scenario
 from crowdbench.cli import main
@@ -16,6 +17,7 @@ from crowdbench.evaluation.database import FILE, ResultsError
 from crowdbench.evaluation.recompute import recompute
 from crowdbench.evaluation.results import load_results
 from crowdbench.evaluation.runner import Task, run
+from crowdbench.evaluation.stored import find_cells, find_scenario
 from crowdbench.simulation import WORLD_VERSION
 
 WORLD = load_scenario(
@@ -151,6 +153,25 @@ def test_what_cannot_be_simulated_again_is_listed(folder):
         f"{name}: 8 rows of a scenario that is not known as it was (digest {WORLD.digest})"
     ]
     assert found.episodes == 0
+
+
+def test_a_recording_that_is_gone_is_named(tmp_path, capsys):
+    path = tmp_path / "walk.csv"
+    path.write_text(walking())
+    run([Task(crossing(path), AgentSpec.parse("straight_line"), [900_000])], tmp_path, jobs=1)
+    (cell,) = find_cells(tmp_path)
+    path.unlink()
+    told = (
+        f"scenario '{cell.scenario}' cannot be made again: pedestrians.recording: '{path}': "
+        "No such file or directory"
+    )
+    assert main(["recompute", "--results", str(tmp_path)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == f"straight_line in {cell.scenario}: 1 rows: {told}\n"
+    assert captured.out == "no episode could be simulated again, so nothing was checked\n"
+    with pytest.warns(UserWarning) as warned:
+        assert find_scenario(tmp_path, cell) is None
+    assert [str(one.message) for one in warned] == [told]
 
 
 def test_episodes_of_another_world_are_refused_with_the_reason(folder, capsys):
