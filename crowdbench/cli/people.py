@@ -33,7 +33,11 @@ def people(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Picture, by default FILE_tracks.png, here."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Picture, by default FILE_tracks.png, here.",
+        ),
     ] = None,
     save_as: Annotated[
         Path | None,
@@ -55,9 +59,11 @@ def people(
     from crowdbench.people.picture import save_picture
     from crowdbench.people.saved import save as save_recording
 
-    picture = output or Path(f"{file.stem}_tracks.png")
+    # With its suffix, as walk.csv and the walk.npz saved of it lie side by side.
+    picture = output or Path(f"{file.name}_tracks.png")
+    there = " (in place of an older file)" if picture.exists() else ""
     save(lambda: save_picture(recording, picture), picture)
-    out().print(f"picture: {picture}", markup=False, soft_wrap=True)
+    out().print(f"picture: {picture}{there}", markup=False, soft_wrap=True)
     if save_as is not None:
         save(lambda: save_recording(recording, save_as), save_as)
         out().print(f"cleaned: {save_as}", markup=False, soft_wrap=True)

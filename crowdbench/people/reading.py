@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 from pathlib import Path
 
@@ -19,6 +20,8 @@ KINDS = (
 )
 _HEAD = 4096
 """Of a file, by which its kind is known [bytes]."""
+_UTF_16_OR_32 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
+"""How such text begins; UTF-32 of the other order begins as UTF-16 does."""
 
 
 def read_recording(
@@ -64,9 +67,13 @@ def _read(path: Path, head: bytes, given: Stated) -> CrowdRecording:
         return clean(path, archive.read_hdf5(path, given))
     if head.startswith(b"SQLite format 3\0"):
         return clean(path, archive.read_jupedsim(path, given))
+    if head.startswith(_UTF_16_OR_32):
+        raise RecordingError(f"{path}: text in UTF-16 or UTF-32; allowed: UTF-8")
     if b"\0" in head:
         raise _unknown(path)
     _, first = next(lines(path), (0, ""))
+    if not first:
+        raise RecordingError(f"{path}: nothing but comments, no positions in it")
     columns = count_numbers(first)
     if first.startswith("{"):
         return clean(path, text.read_trajnet(path, given))

@@ -96,7 +96,7 @@ def require_numbers(path: Path, places: Mapping[str, int], separator: str | None
             field = fields[place].strip() if place < len(fields) else ""
             known = is_number(field) and math.isfinite(float(field))
             if not known or (name in WHOLE and not float(field).is_integer()):
-                kind = "whole" if known else "finite"
+                kind = "whole" if name in WHOLE else "finite"
                 what = f"{short(field)} is no {kind} number" if field else "is missing"
                 raise RecordingError(f"{path}: line {number}: {name} {what}, in {short(line)}")
 

@@ -30,6 +30,10 @@ _NAMES = {
     "y": rf"y{_UNIT}",
 }
 """What the columns of a CSV may be called, in whatever case."""
+_OTHER_UNIT = re.compile(
+    r"((?P<place>x|y)|time|t|timestamp)[ _]?[\[(/] *(?P<unit>[^\])]+?)[\])]?", re.IGNORECASE
+)
+"""A column with a unit that ``_NAMES`` does not know."""
 
 
 def read_petrack(path: Path, given: Stated) -> Rows:
@@ -173,6 +177,13 @@ def _columns(path: Path, names: list[str]) -> tuple[dict[str, int], set[str]]:
                 units |= {unit for unit in [found.groupdict().get("unit")] if unit}
     lacking = [key for key in ("id", "x", "y") if key not in places]
     lacking += [] if {"time", "frame"} & places.keys() else ["time or frame"]
+    for name in names if lacking else ():
+        other = _OTHER_UNIT.fullmatch(name.strip().strip('"'))
+        if other:
+            raise RecordingError(
+                f"{path}: column {short(name.strip())}: the unit {short(other['unit'])}; allowed: "
+                f"{'m, cm or mm' if other['place'] else 's'}"
+            )
     if lacking:
         got = ", ".join(name.strip() for name in names)
         raise RecordingError(f"{path}: no column {' and no '.join(lacking)}; there are: {got}")

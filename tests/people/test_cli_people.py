@@ -31,7 +31,7 @@ def test_it_says_what_is_there(people, write, tmp_path):
     assert "duration: 0.6 s, a position every 0.04 s, frames 5 to 20" in said
     assert "walls: 2 closed lines" in said
     assert re.search(r"0\.0 to 0\.6 +1\.5 ", said)  # each of the two is there for 0.44 s of 0.6
-    assert (tmp_path / "here" / "walk_tracks.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "here" / "walk.h5_tracks.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_it_saves_it_reads_again(people, write, tmp_path):
@@ -41,6 +41,18 @@ def test_what_it_saves_it_reads_again(people, write, tmp_path):
     told = said.partition("picture: ")[0]
     assert again[1].startswith(told) and len(told) > 200
     assert (tmp_path / "here" / "a.png").read_bytes() == (tmp_path / "here" / "b.png").read_bytes()
+
+
+def test_a_picture_takes_the_place_of_no_other_unsaid(people, write, tmp_path):
+    path = petrack(write)
+    _, said, _ = people(path, "--save", "walk.npz")
+    assert "picture: walk.txt_tracks.png\n" in said
+    first = (tmp_path / "here" / "walk.txt_tracks.png").read_bytes()
+    _, said, _ = people("walk.npz")
+    assert "picture: walk.npz_tracks.png\n" in said
+    assert (tmp_path / "here" / "walk.txt_tracks.png").read_bytes() == first
+    _, said, _ = people(path)
+    assert "picture: walk.txt_tracks.png (in place of an older file)\n" in said
 
 
 def test_the_user_is_asked_for_unit_and_frame_rate(people, write, tmp_path):
