@@ -1,11 +1,8 @@
 """Files take their place when they are whole; a full disk leaves what was there."""
 
-import contextlib
-import resource
-
-import imageio_ffmpeg
 import numpy as np
 import pytest
+from full_disk import room_for
 from matplotlib.figure import Figure
 from recording_files import petrack
 
@@ -17,19 +14,6 @@ from crowdbench.replacing import replacing
 from crowdbench.simulation.video import write_video
 from crowdbench.study.figures import save_figures
 from crowdbench.study.model import Drawing
-
-
-@contextlib.contextmanager
-def room_for(size):
-    """No file grows beyond ``size`` bytes: an OSError, here and in ffmpeg, as of a full disk."""
-    # Is looked for before: some kernels count by the limit what ffmpeg tells /dev/null of itself.
-    imageio_ffmpeg.get_ffmpeg_exe()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def noise(count):

@@ -23,6 +23,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from crowdbench.messages import short
+from crowdbench.replacing import replacing
 
 CHECKPOINT = "checkpoint.safetensors"
 FORMAT = "crowdbench-checkpoint-1"
@@ -55,13 +56,12 @@ def save_checkpoint(
         {"form": form, "scenarios": dict(digests), "state": _outline(state, "", tensors)}
     )
     metadata = {"format": FORMAT, "content": content, "sha256": _digest(content, tensors)}
-    part = folder / "checkpoint.part"
     try:
-        part.write_bytes(save(tensors, metadata))
-        part.replace(path)
+        with replacing(path) as part:
+            part.write_bytes(save(tensors, metadata))
     except OSError as error:
         raise TrainingError(
-            f"{part}: the checkpoint could not be written ({error}); make room on the disk "
+            f"{path}: could not be written ({error.strerror or error}); make room on the disk "
             "and resume: the previous checkpoint is intact"
         ) from error
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, TracebackType
 
+from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.validation import Validation
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -139,7 +140,20 @@ class Journal:
         return row
 
     def _point(self, row: Mapping[str, float]) -> None:
-        """Append a point of the learning curve; its columns are those of the first point."""
+        """Append a point of the learning curve; its columns are those of the first point.
+
+        Raises:
+            TrainingError: no room on the disk.
+        """
+        try:
+            self._append(row)
+        except OSError as error:
+            raise TrainingError(
+                f"{self._curve}: could not be written ({error.strerror or error}); make room on "
+                "the disk and resume from the last checkpoint"
+            ) from error
+
+    def _append(self, row: Mapping[str, float]) -> None:
         with self._curve.open("a+", newline="", encoding="utf-8") as file:
             file.seek(0)
             columns = next(csv.reader(file), None)

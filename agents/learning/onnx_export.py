@@ -17,6 +17,8 @@ import torch
 from crowdbench_agents.learning.inputs import ActionBounds, Inputs
 from torch import Tensor, nn
 
+from crowdbench.replacing import replacing
+
 if TYPE_CHECKING:
     from crowdbench_agents.learning.config import Config
     from crowdbench_agents.learning.trained_robot import TrainedRobot
@@ -81,6 +83,5 @@ def export_policy(
         node.metadata_props.clear()  # the exporter's notes, paths of this machine among them
     model.metadata_props["crowdbench.perception"] = config.perception.model_dump_json()
     model.metadata_props["crowdbench.robot"] = robot.model_dump_json()
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(program.model_proto.SerializeToString())
-    part.replace(path)
+    with replacing(path) as part:
+        part.write_bytes(program.model_proto.SerializeToString())

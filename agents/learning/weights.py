@@ -16,6 +16,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from crowdbench.messages import short
+from crowdbench.replacing import replacing
 
 Network = TypeVar("Network", bound=torch.nn.Module)
 
@@ -35,6 +36,9 @@ def save_weights(
         config: what they were trained with.
         training: how they came about (command, seeds, steps), free form.
         form: which networks these are; each kind has a name of its own.
+
+    Raises:
+        OSError: it cannot be written.
     """
     tensors = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
     metadata = {
@@ -43,9 +47,8 @@ def save_weights(
         "training": json.dumps(training),
         "sha256": tensor_digest(tensors),
     }
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(save(tensors, metadata))
-    part.replace(path)
+    with replacing(path) as part:
+        part.write_bytes(save(tensors, metadata))
 
 
 def load_network(

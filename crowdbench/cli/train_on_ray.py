@@ -20,6 +20,7 @@ from crowdbench.cli.common import UserError
 from crowdbench.cli.trainers import CURVES, RUNS, Trainer
 from crowdbench.evaluation.executors import ExecutorError
 from crowdbench.evaluation.ray_cluster import LOOK, WITHOUT_NODES, connect, import_ray, reason_of
+from crowdbench.replacing import replacing
 
 Files = dict[str, bytes]
 
@@ -107,9 +108,8 @@ def _write(root: Path, files: Files) -> None:
     for name, content in files.items():
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f"{path.name}.part")
-        part.write_bytes(content)
-        part.replace(path)
+        with replacing(path) as part:
+            part.write_bytes(content)
 
 
 def _require_room(ray: Any, num_cpus: int, num_gpus: int) -> None:

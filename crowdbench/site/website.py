@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import urllib.parse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -93,7 +94,7 @@ def write_report_page(
     """
     recordings = {found.cell.identity: found for found in find_recordings(rows, REPLAYS)}
     groups = rows.groupby(["scenario", "agent"], sort=False).indices
-    with _Writing(output):
+    with _writing(output) as part:
         cells, scenarios = [], {}
         for cell, document in cell_documents(rows, planned):
             scenario = scenario_of(cell, rows.iloc[groups[cell.scenario, cell.agent]])
@@ -103,10 +104,10 @@ def write_report_page(
             label = f"{cell.scenario}@{cell.scenario_digest}" if old else cell.scenario
             scenarios[label] = scenario_document(label, scenario)
             recording = recordings.get(cell.identity)
-            files, replays = ([], []) if recording is None else write_replays(recording, output)
+            files, replays = ([], []) if recording is None else write_replays(recording, part)
             cells.append({**document, "scenario": label, "files": files, "replays": replays})
         _write_index(
-            output,
+            part,
             {
                 "start": "",
                 "metrics": metric_documents(),
@@ -117,7 +118,7 @@ def write_report_page(
                     {"title": table.title, "html": html_from_markdown(table.text)}
                     for table in tables
                 ],
-                "figures": _figures(figures, output),
+                "figures": _figures(figures, part),
             },
         )
     return Site(
@@ -139,12 +140,12 @@ def write_replay_page(recordings: Iterable[Recording], output: Path) -> Site:
         ResultsError: something cannot be read, or the output is in the way.
     """
     recordings = list(recordings)
-    with _Writing(output):
+    with _writing(output) as part:
         cells, scenarios = [], {}
         for recording in recordings:
             cell = recording.cell
             scenarios[cell.scenario] = scenario_document(cell.scenario, recording.scenario)
-            files, replays = write_replays(recording, output)
+            files, replays = write_replays(recording, part)
             cells.append(
                 {
                     "scenario": cell.scenario,
@@ -155,7 +156,7 @@ def write_replay_page(recordings: Iterable[Recording], output: Path) -> Site:
             )
         first = recordings[0]
         _write_index(
-            output,
+            part,
             {
                 "start": replay_link(first.cell.scenario, first.cell.agent, first.seeds[0]),
                 "metrics": [],
@@ -176,36 +177,42 @@ def replay_link(scenario: str, agent: str, seed: int, robot: str = "robot_0") ->
     return "#/replay?" + urllib.parse.urlencode(place)
 
 
-class _Writing:
-    """Makes the folder, replaces what an older page left in it, and translates errors."""
+@contextlib.contextmanager
+def _writing(output: Path) -> Iterator[Path]:
+    """A folder within ``output`` to write a page to, which takes an older one's place at the end.
 
-    def __init__(self, output: Path) -> None:
-        self._output = output
+    After an error what was there before is there still.
 
-    def __enter__(self) -> None:
-        output = self._output
-        try:
-            if output.is_dir() and any(output.iterdir()) and not (output / MARK).exists():
-                raise ResultsError(
-                    f"{output}: holds other files than a report page; choose another --output"
-                )
-            for folder in ("data", "figures"):
-                shutil.rmtree(output / folder, ignore_errors=True)
-            output.mkdir(parents=True, exist_ok=True)
-            (output / MARK).write_text("Made by crowdbench; written over by the next page.\n")
-            (output / "data").mkdir()
-            for source in (resources.files("crowdbench.site") / "static").iterdir():
-                (output / source.name).write_bytes(source.read_bytes())
-        except OSError as error:
-            raise self._translated(error) from error
-
-    def __exit__(self, kind: object, error: BaseException | None, place: object) -> None:
-        if isinstance(error, OSError):
-            raise self._translated(error) from error
-
-    def _translated(self, error: OSError) -> ResultsError:
+    Raises:
+        ResultsError: other files are in the way, or it cannot be written.
+    """
+    part, new = output / ".part", not (output / MARK).exists()
+    try:
+        if new and output.is_dir() and any(output.iterdir()):
+            raise ResultsError(
+                f"{output}: holds other files than a report page; choose another --output"
+            )
+        output.mkdir(parents=True, exist_ok=True)
+        (output / MARK).write_text("Made by crowdbench; written over by the next page.\n")
+        shutil.rmtree(part, ignore_errors=True)
+        (part / "data").mkdir(parents=True)
+        for source in (resources.files("crowdbench.site") / "static").iterdir():
+            (part / source.name).write_bytes(source.read_bytes())
+        yield part
+        for folder in ("data", "figures"):
+            shutil.rmtree(output / folder, ignore_errors=True)
+        for path in list(part.iterdir()):
+            path.replace(output / path.name)
+        part.rmdir()
+    except BaseException as error:
+        shutil.rmtree(part, ignore_errors=True)
+        if new:
+            with contextlib.suppress(OSError):
+                (output / MARK).unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         reason = error.strerror or str(error)
-        return ResultsError(f"{self._output}: the page cannot be written ({reason})")
+        raise ResultsError(f"{output}: the page cannot be written ({reason})") from error
 
 
 def _write_index(output: Path, index: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from crowdbench.evaluation.database import ResultsError
+from crowdbench.replacing import replacing
 
 LIBRARIES = ("numpy", "scipy", "numba", "pymunk", "torch", "daqp")
 """Whose versions may change what an episode gives."""
@@ -86,11 +87,10 @@ class Account:
             "; ".join(self._machines),
             self._versions,
         )
-        part = self._path.with_suffix(".part")
         try:
             self._path.parent.mkdir(exist_ok=True)  # in the results folder, unless that is gone
-            part.write_text(json.dumps(asdict(session), indent=2) + "\n", encoding="utf-8")
-            part.replace(self._path)
+            with replacing(self._path) as part:
+                part.write_text(json.dumps(asdict(session), indent=2) + "\n", encoding="utf-8")
         except OSError as error:
             raise ResultsError(f"{self._path}: cannot be written ({error.strerror})") from error
         self._written = self._clock()
@@ -103,7 +103,7 @@ def load_sessions(folder: Path, study: str) -> list[Session]:
         ResultsError: a file that is none; the message names it.
     """
     found = []
-    for path in sorted((folder / "sessions").glob("*.json")):
+    for path in sorted((folder / "sessions").glob("[!.]*.json")):  # and none half written
         try:
             found.append(Session(**json.loads(path.read_text(encoding="utf-8"))))
         except (ValueError, TypeError) as error:

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from full_disk import room_for
 
 from crowdbench.evaluation.database import ResultsError
 from crowdbench.evaluation.joined import local_rows
@@ -175,6 +176,22 @@ def test_an_older_page_is_replaced_and_nothing_else(whole, tmp_path):
     in_the_way.write_text("")
     with pytest.raises(ResultsError, match="file: the page cannot be written"):
         write_report_page(local_rows(whole.folder), in_the_way)
+
+
+def test_a_full_disk_leaves_the_page_that_was_there(whole, tmp_path):
+    whole.run(SHORT, "straight_line", 900000)
+    rows, output = local_rows(whole.folder), tmp_path / "site"
+    told = r"site: the page cannot be written \(File too large\)"
+    with room_for(3000), pytest.raises(ResultsError, match=told):
+        write_report_page(rows, output)
+    assert list(output.iterdir()) == []
+    write_report_page(rows, output)
+    before = {path: path.read_bytes() for path in output.rglob("*") if path.is_file()}
+    long = [SiteTable("Long", "word " * 10_000)]  # in what is written last
+    for room in (3000, 20_000):
+        with room_for(room), pytest.raises(ResultsError, match=told):
+            write_report_page(rows, output, long)
+        assert {path: path.read_bytes() for path in output.rglob("*") if path.is_file()} == before
 
 
 def test_only_replays_of_the_rows_are_offered(whole, tmp_path):

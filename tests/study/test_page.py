@@ -296,6 +296,9 @@ def test_a_session_is_kept_as_it_goes_on(tmp_path):
     (kept,) = load_sessions(tmp_path, "mine")
     assert (kept.seconds, kept.episodes, kept.jobs, kept.machine) == (31.0, 2, 2, "a machine")
     assert load_sessions(tmp_path, "yours") == []
+    (path,) = (tmp_path / "sessions").iterdir()
+    path.with_name(f".{path.name}").write_text("half of one that is being writ")
+    assert load_sessions(tmp_path, "mine") == [kept]
     assert "numpy" in kept.versions and "torch" in kept.versions
     now[0] += 5
     account.count("another machine", 3)

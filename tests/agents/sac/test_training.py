@@ -16,6 +16,7 @@ from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import KIND, train
+from full_disk import room_for
 
 
 def distance_from_expert(folder, config):
@@ -70,6 +71,17 @@ def acted(folder, config, steps=20):
         run.step()
     assert run.steps == run.decisions == 4 * steps
     return run
+
+
+def test_weights_that_have_no_room_are_named_and_leave_those_before(in_empty_folder, tiny):
+    run = TrainingRun(KIND, in_empty_folder / "run", tiny(), 0, True, torch.device("cpu"), 0)
+    run.export("best", {"steps": 1})
+    before = {path: path.read_bytes() for path in run.folder.glob("*.safetensors")}
+    told = r"best.safetensors: could not be written \(File too large\); make room on the disk"
+    with room_for(1000), pytest.raises(TrainingError, match=told):
+        run.export("best", {"steps": 2})
+    assert {path: path.read_bytes() for path in run.folder.glob("*.safetensors")} == before
+    assert len(before) == 1
 
 
 def test_labels_reach_the_replay_of_labelled_environments_only(in_empty_folder, tiny):
