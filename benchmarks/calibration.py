@@ -39,7 +39,15 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--folder", type=Path, default=Path("build/calibration"))
     options = parser.parse_args()
+    if options.episodes is not None and options.episodes < 1:
+        parser.error(f"--episodes: {options.episodes}; allowed: 1 or more")
+    try:
+        _calibrate(options)
+    except (crowdbench.AgentError, crowdbench.ScenarioError) as error:
+        parser.error(str(error))
 
+
+def _calibrate(options: argparse.Namespace) -> None:
     names = options.scenarios or crowdbench.scenario_names(options.tier)
     usual = PAPER if options.tier == "paper" else HARD
     agents = options.agents or list(usual)

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from crowdbench import AgentSpec, Scenario, load_scenario
+from crowdbench import AgentError, AgentSpec, Scenario, ScenarioError, load_scenario
 from crowdbench.evaluation.results import ResultsStore
 from crowdbench.evaluation.runner import IncompleteError, Task, run
 from crowdbench.evaluation.statistics import wilson_interval
@@ -221,6 +221,19 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("build/crossing"))
     parser.add_argument("--page", type=Path)
     options = parser.parse_args()
+    if options.episodes < 1:
+        parser.error(f"--episodes: {options.episodes}; allowed: 1 or more")
+    try:
+        text = _tables(options)
+    except (AgentError, ScenarioError) as error:
+        parser.error(str(error))
+    if options.page:
+        insert(options.page, text)
+    else:
+        print(text)
+
+
+def _tables(options: argparse.Namespace) -> str:
     scenarios = [crossing(options.folder / file, given) for file, given in RECORDINGS.values()]
     agents = list(dict.fromkeys([CEILING, *options.agents]))
     rows = drive(scenarios, agents, options.episodes, options.results, options.jobs)
@@ -228,11 +241,7 @@ def main() -> None:
         table(title, each, episodes_of(scenario, range(options.episodes)))
         for title, scenario, each in zip(RECORDINGS, scenarios, rows, strict=True)
     ]
-    text = "\n\n".join(tables)
-    if options.page:
-        insert(options.page, text)
-    else:
-        print(text)
+    return "\n\n".join(tables)
 
 
 if __name__ == "__main__":
