@@ -186,31 +186,32 @@ def _writing(output: Path) -> Iterator[Path]:
     Raises:
         ResultsError: other files are in the way, or it cannot be written.
     """
-    part, new = output / ".part", not (output / MARK).exists()
+    part = output / ".part"
     try:
+        new = not (output / MARK).exists()
         if new and output.is_dir() and any(output.iterdir()):
             raise ResultsError(
                 f"{output}: holds other files than a report page; choose another --output"
             )
         output.mkdir(parents=True, exist_ok=True)
-        (output / MARK).write_text("Made by crowdbench; written over by the next page.\n")
-        shutil.rmtree(part, ignore_errors=True)
-        (part / "data").mkdir(parents=True)
-        for source in (resources.files("crowdbench.site") / "static").iterdir():
-            (part / source.name).write_bytes(source.read_bytes())
-        yield part
-        for folder in ("data", "figures"):
-            shutil.rmtree(output / folder, ignore_errors=True)
-        for path in list(part.iterdir()):
-            path.replace(output / path.name)
-        part.rmdir()
-    except BaseException as error:
-        shutil.rmtree(part, ignore_errors=True)
-        if new:
-            with contextlib.suppress(OSError):
+        try:
+            (output / MARK).write_text("Made by crowdbench; written over by the next page.\n")
+            shutil.rmtree(part, ignore_errors=True)
+            (part / "data").mkdir(parents=True)
+            for source in (resources.files("crowdbench.site") / "static").iterdir():
+                (part / source.name).write_bytes(source.read_bytes())
+            yield part
+            for folder in ("data", "figures"):
+                shutil.rmtree(output / folder, ignore_errors=True)
+            for path in list(part.iterdir()):
+                path.replace(output / path.name)
+            part.rmdir()
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)
+            if new:
                 (output / MARK).unlink(missing_ok=True)
-        if not isinstance(error, OSError):
             raise
+    except OSError as error:
         reason = error.strerror or str(error)
         raise ResultsError(f"{output}: the page cannot be written ({reason})") from error
 

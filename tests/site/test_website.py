@@ -169,9 +169,11 @@ def test_an_older_page_is_replaced_and_nothing_else(whole, tmp_path):
     other = tmp_path / "thesis"
     (other / "data").mkdir(parents=True)
     (other / "data" / "chapter").write_text("years of work")
+    (other / ".part").mkdir()
     with pytest.raises(ResultsError, match="thesis: holds other files than a report page"):
         write_report_page(local_rows(whole.folder), other)
     assert (other / "data" / "chapter").read_text() == "years of work"
+    assert (other / ".part").is_dir()
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     with pytest.raises(ResultsError, match="file: the page cannot be written"):
