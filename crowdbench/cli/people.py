@@ -33,11 +33,7 @@ def people(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Picture, by default FILE_tracks.png, here.",
-        ),
+        typer.Option("--output", "-o", help="Picture, by default FILE_tracks.png, here."),
     ] = None,
     save_as: Annotated[
         Path | None,
