@@ -34,6 +34,7 @@ from crowdbench_agents.learning.validation import (
     PolicyInput,
     validate,
 )
+from crowdbench_agents.learning.worlds import as_they_are
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 from rich.console import Console
@@ -88,6 +89,7 @@ def main() -> None:
     names = arguments.scenario or HARD
     if names == ["all"]:
         names = crowdbench.scenario_names("paper")
+    worlds = as_they_are(names)
     console = Console()
     console.print(f"columns: {' '.join(names)}; {arguments.episodes} episodes each")
     for form in arguments.form:
@@ -102,7 +104,7 @@ def main() -> None:
             changed = {f"planner.{key}": load_yaml(x) for key, x in values.items()}
             act = planner_act(model, config.override(changed), execute, score)
         result = validate(
-            act, config.perception.geometry, arguments.episodes, names, arguments.first_seed
+            act, config.perception.geometry, arguments.episodes, worlds, arguments.first_seed
         )
         each = " ".join(f"{x:.2f}" for x in result.success.values())
         console.print(

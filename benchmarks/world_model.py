@@ -39,6 +39,7 @@ from crowdbench_agents.learning.noise import CorrelatedNoise
 from crowdbench_agents.learning.precision import training_precision
 from crowdbench_agents.learning.replay import NOBODY, Replay
 from crowdbench_agents.learning.seeds import WORLD_MODEL_TEST
+from crowdbench_agents.learning.worlds import as_they_are
 from rich.console import Console
 from scipy.stats import rankdata
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -85,8 +86,9 @@ def geometry(steps: int, config: Config) -> tuple[np.ndarray, np.ndarray]:
     """Least gaps [m] at constant velocities over the next H steps, and whether they collided."""
     drive, horizon = wander(np.random.default_rng(2)), config.planner.horizon
     envs = Lanes(
-        ENVIRONMENTS, SCENARIOS, _episodes(GEOMETRY_SEED, SCENARIOS), config.perception.geometry
-    )
+        ENVIRONMENTS, as_they_are(SCENARIOS), _episodes(GEOMETRY_SEED, SCENARIOS),
+        config.perception.geometry,
+    )  # fmt: skip
     everywhere = np.arange(ENVIRONMENTS)
     envs.begin(everywhere)
     scenario = envs.env.scenarios[0]
@@ -133,7 +135,8 @@ def collect(
     transitions: int, config: Config, names: Sequence[str], drive: Drive
 ) -> tuple[Replay, Replay]:
     """Drive with noise; the last tenth is for testing."""
-    envs = Lanes(ENVIRONMENTS, names, _episodes(FIRST_SEED, names), config.perception.geometry)
+    episodes = _episodes(FIRST_SEED, names)
+    envs = Lanes(ENVIRONMENTS, as_they_are(names), episodes, config.perception.geometry)
     steps = transitions // ENVIRONMENTS
     replays = [Replay(ENVIRONMENTS, steps * 2, config.perception.cells) for _ in range(2)]
     everywhere, nobody = np.arange(ENVIRONMENTS), np.full(ENVIRONMENTS, NOBODY, np.uint8)

@@ -19,9 +19,9 @@ from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.rollout import Rollout
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.shared import STAGES, Ledger, SharedWeights
+from crowdbench_agents.learning.worlds import Worlds, robot_of
 from numpy.typing import NDArray
 
-import crowdbench
 from crowdbench.messages import describe_error
 
 POLL = 0.002
@@ -34,6 +34,7 @@ class Job(NamedTuple):
     Attributes:
         kind: of agent.
         config: all settings.
+        worlds: in which.
         folder: of the run, with its replay.
         number: of the actor, 0 up.
         lanes: (E,) its environments, of all of the run.
@@ -45,6 +46,7 @@ class Job(NamedTuple):
 
     kind: Kind
     config: Config
+    worlds: Worlds
     folder: Path
     number: int
     lanes: NDArray[np.integer]
@@ -89,10 +91,12 @@ def work(job: Job, ledger: Ledger, weights: SharedWeights, told: Connection) -> 
 def _prepare(job: Job, ledger: Ledger) -> tuple[Rollout, ScenarioSampler, torch.nn.Module]:
     done = job.episodes + job.stride * int(ledger.episodes[job.number])  # by one that has died
     sampler = ScenarioSampler(job.run_seed, ledger.scenarios, done, job.stride)
-    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario(ledger.scenarios[0]))
+    robot = robot_of(job.worlds)
     replay = open_replay(job.folder, job.config, robot, social=True)
     network = job.kind.network(job.config).eval().requires_grad_(False)
-    rollout = Rollout(job.kind, network, job.config, job.lanes, sampler, replay, job.seed)
+    rollout = Rollout(
+        job.kind, network, job.config, job.lanes, job.worlds, sampler, replay, job.seed
+    )
     return rollout, sampler, network
 
 

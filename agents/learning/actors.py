@@ -20,6 +20,7 @@ from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.shared import STAGES, Ledger, SharedWeights
 from crowdbench_agents.learning.stopwatch import Stopwatch
+from crowdbench_agents.learning.worlds import Worlds
 from torch import nn
 
 AHEAD = 2
@@ -47,6 +48,7 @@ class Actors(Acting):
         kind: of agent.
         learned: the network that is trained.
         config: all settings.
+        worlds: in which.
         folder: of the run, with its replay.
         sampler: of the run; its episodes and its success follow those of the actors.
         seed: of the run.
@@ -58,12 +60,13 @@ class Actors(Acting):
         kind: Kind,
         learned: nn.Module,
         config: Config,
+        worlds: Worlds,
         folder: Path,
         sampler: ScenarioSampler,
         seed: int,
         count: int,
     ) -> None:
-        self._kind, self._learned, self._config = kind, learned, config
+        self._kind, self._learned, self._config, self._worlds = kind, learned, config, worlds
         self._folder, self._sampler, self._seed, self._count = folder, sampler, seed, count
         self._context = multiprocessing.get_context("spawn")
         self._ledger = Ledger(count, list(sampler.success), self._context)
@@ -152,7 +155,7 @@ class Actors(Acting):
         # Nothing is drawn twice, neither after a death nor after an interruption.
         drawn = np.random.SeedSequence([self._seed, 3, number, self._before, start])
         job = Job(
-            self._kind, self._config, self._folder, number, self._lanes[number],
+            self._kind, self._config, self._worlds, self._folder, number, self._lanes[number],
             int(drawn.generate_state(1)[0]), self._seed,
             self._episodes_before + number - self._count + 1, self._count,
         )  # fmt: skip

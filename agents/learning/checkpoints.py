@@ -17,7 +17,6 @@ from typing import Any
 import safetensors
 import torch
 from crowdbench_agents.learning.errors import TrainingError
-from crowdbench_agents.learning.sampler import scenario_digests
 from crowdbench_agents.learning.weights import tensor_digest
 from safetensors.torch import save
 from torch import Tensor
@@ -66,8 +65,13 @@ def save_checkpoint(
         ) from error
 
 
-def load_checkpoint(folder: Path, form: str) -> dict[str, Any]:
+def load_checkpoint(folder: Path, form: str, digests: Mapping[str, str]) -> dict[str, Any]:
     """Read a run's checkpoint.
+
+    Args:
+        folder: of the run.
+        form: of its networks.
+        digests: of the scenarios that are trained in now; others may have been added.
 
     Raises:
         TrainingError: unreadable, damaged, of an earlier version or other networks, with numbers
@@ -94,9 +98,10 @@ def load_checkpoint(folder: Path, form: str) -> dict[str, Any]:
     if content["form"] != form:
         raise TrainingError(f"{path}: is of {content['form']!r} networks, expected {form!r}")
     then = content["scenarios"]
-    now = scenario_digests(then)
     changed = [
-        f"{name} (then {then[name]}, now {now[name]})" for name in then if then[name] != now[name]
+        f"{name} (then {digest}, now {digests.get(name, 'none')})"
+        for name, digest in then.items()
+        if digest != digests.get(name)
     ]
     if changed:
         raise TrainingError(

@@ -27,6 +27,7 @@ NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
 Several = Annotated[int, Field(ge=2)]
+Tier = Literal["paper", "hard", "situation"]
 
 FINAL_LEARNING_RATE = 0.05
 """Share of the learning rates that is left after their decay."""
@@ -177,6 +178,14 @@ class Training(_Section):
     )
     gradient_clip: Positive = Field(10.0)
     target_rate: Share = Field(0.01, description="of the slow target parameters, per update")
+    tiers: tuple[Tier, ...] = Field(
+        ("paper",),
+        min_length=1,
+        description="of the scenarios that are trained in; all have the robot of the last one",
+    )
+    variants: Count = Field(
+        1, description="of each scenario that are trained in: itself, and others drawn around it"
+    )
     expert: str = Field("informed", description="agent that demonstrates and labels")
     labelled_environments: int = Field(0, ge=0, description="in which the expert labels each step")
     expert_updates: Count = Field(

@@ -19,9 +19,9 @@ from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.noise import CorrelatedNoise
 from crowdbench_agents.learning.replay import EXPERT, Replay
-from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS, joint_digest, scenario_digests
 from crowdbench_agents.learning.seeds import DEMONSTRATIONS
 from crowdbench_agents.learning.shared import FileLock
+from crowdbench_agents.learning.worlds import Worlds, digests, joint_digest, robot_of, share
 from numpy.typing import NDArray
 
 import crowdbench
@@ -60,23 +60,22 @@ class Demonstrations(Replay):
     Args:
         runs: the folder of all runs, in which they are kept.
         config: all settings.
-        robot: that is trained with.
         social: whether sampled rewards include the social term.
+        worlds: in which the expert drives.
     """
 
-    def __init__(
-        self, runs: Path, config: Config, robot: crowdbench.RobotSpec, social: bool
-    ) -> None:
+    def __init__(self, runs: Path, config: Config, social: bool, worlds: Worlds) -> None:
         settings = config.training
         self._expert, self._wanted = settings.expert, settings.demonstrations
         self._geometry = config.perception.geometry
-        digest = _digest(self._expert)
+        self._worlds = worlds
+        digest = _digest(self._expert, worlds)
         seen = config.perception
         map_ = f"{seen.cells}x{seen.size:g}m-{seen.ahead:g}m"
         self._folder = runs / f"demonstrations-{self._expert}-{self._wanted}-{map_}-{digest}"
         # An episode that has begun is driven to its end, which takes some more rows.
         rows = -(-self._wanted // LANES) + 400
-        detour = Detour(settings.detour_price, robot.control_period)
+        detour = Detour(settings.detour_price, robot_of(worlds).control_period)
         super().__init__(LANES, rows, self._geometry.cells, social, detour, self._folder)
 
     def record(self, progress: Callable[[int], None], stopping: Callable[[], bool]) -> None:
@@ -103,7 +102,7 @@ class Demonstrations(Replay):
         everywhere, begun = np.arange(LANES), len(self)
         self.mark_episode_ends(everywhere)
         rng = np.random.default_rng([DEMONSTRATIONS[0], begun])
-        lanes = Lanes(LANES, list(TRAINING_SCENARIOS), _episodes(begun), self._geometry)
+        lanes = Lanes(LANES, self._worlds, _episodes(begun, self._worlds), self._geometry)
         experts = Experts(self._expert, lanes, everywhere)
         noise = CorrelatedNoise((LANES, 2), NOISE, NOISE_CORRELATION, rng)
         noisy, age = np.zeros(LANES, bool), np.zeros(LANES, np.int64)
@@ -131,7 +130,7 @@ class Demonstrations(Replay):
         self.mark_episode_ends(everywhere)
 
 
-def _digest(expert: str) -> str:
+def _digest(expert: str, worlds: Worlds) -> str:
     """12 hex digits that change whenever the expert, a scenario or the world does."""
     spec = crowdbench.AgentSpec.parse(expert)
     agent = spec.make()
@@ -139,14 +138,14 @@ def _digest(expert: str) -> str:
         code_version(spec.name, agent.version),
         agent.weights_sha256,
         WORLD_VERSION,
-        joint_digest(scenario_digests(TRAINING_SCENARIOS)),
+        joint_digest(list(digests(worlds).values())),
     )
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 
-def _episodes(begun: int) -> Iterator[tuple[str, int]]:
+def _episodes(begun: int, worlds: Worlds) -> Iterator[tuple[str, int]]:
     """Episodes in turn, each scenario as often as its share says."""
-    turn = [name for name, share in TRAINING_SCENARIOS.items() for _ in range(share)]
+    turn = [name for name in worlds for _ in range(share(name))]
     np.random.default_rng(0).shuffle(turn)
     number = 0
     while True:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.worlds import Worlds
 from numpy.typing import NDArray
-
-import crowdbench
 
 
 class Detour(NamedTuple):
@@ -35,18 +33,18 @@ class Detour(NamedTuple):
         return np.float32(self.metre) * (driven - gained)
 
 
-def require_straight_ways(price: float, scenarios: Iterable[str]) -> None:
+def require_straight_ways(price: float, worlds: Worlds) -> None:
     """Refuse a price of detours where the goal that is observed is not the end of the way.
 
     Args:
         price: of a metre.
-        scenarios: names of those that are trained in.
+        worlds: that are trained in.
 
     Raises:
         TrainingError: there is a price, and one of them has a map.
     """
-    for name in scenarios if price else ():
-        if crowdbench.load_scenario(name).arena.kind == "map":
+    for name, scenarios in worlds.items() if price else ():
+        if scenarios[0].arena.kind == "map":
             raise TrainingError(
                 f"training.detour_price: {price:g}; allowed: 0 where {name!r} is trained in, since "
                 "on a map the way to the goal is not straight"

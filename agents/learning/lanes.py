@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from crowdbench_agents.geometry.under_way import foresee
 from crowdbench_agents.learning.inputs import ActionBounds, Sensed
+from crowdbench_agents.learning.worlds import Worlds
 from numpy.typing import NDArray
 
 import crowdbench
@@ -36,7 +37,7 @@ class Lanes:
 
     Args:
         count: E.
-        scenarios: names of those that episodes may be in.
+        worlds: that episodes may be in; of several variants the seed says which.
         episodes: yields the (scenario name, seed) of each episode to come.
         geometry: of the obstacle maps.
 
@@ -52,18 +53,22 @@ class Lanes:
     def __init__(
         self,
         count: int,
-        scenarios: Sequence[str],
+        worlds: Worlds,
         episodes: Iterator[tuple[str, int]],
         geometry: crowdbench.MapGeometry,
     ) -> None:
+        scenarios = [variant for variants in worlds.values() for variant in variants]
         self.env = crowdbench.vector_env(
-            list(scenarios), count, autoreset_mode="Disabled", obstacle_map=geometry
+            scenarios, count, autoreset_mode="Disabled", obstacle_map=geometry
         )
         self._robots = [crowdbench.RobotSpec.from_scenario(one) for one in self.env.scenarios]
         self.bounds = ActionBounds.of(self.env.robot)
         self.scenario = np.full(count, None, dtype=object)
         self._under_way = np.zeros((count, self.env.robot.latency, 2))
-        self._episodes, self._places = episodes, {name: i for i, name in enumerate(scenarios)}
+        counts = [len(variants) for variants in worlds.values()]
+        firsts = np.cumsum([0, *counts])[:-1].tolist()
+        self._variants = dict(zip(worlds, zip(firsts, counts, strict=True), strict=True))
+        self._episodes = episodes
         self._place = np.zeros(count, np.int64)
 
     def __len__(self) -> int:
@@ -81,15 +86,27 @@ class Lanes:
             return which[:0]
         begun = which[: len(chosen)]
         mask = np.zeros(len(self), bool)
+        mask[begun] = True
         seeds: list[int | None] = [None] * len(self)
         for lane, (name, seed) in chosen:
-            self.scenario[lane], self._place[lane], seeds[lane] = name, self._places[name], seed
-        mask[begun] = True
+            self._choose(lane, name, seed, seeds)
         options = {"reset_mask": mask, "scenario": self._place}
-        self.seen, _ = self.env.reset(seed=seeds, options=options)
+        while True:
+            try:
+                self.seen, _ = self.env.reset(seed=seeds, options=options)
+                break
+            except crowdbench.NoRoomError as error:  # rare, in a variant with more people
+                if (other := next(self._episodes, None)) is None:
+                    raise
+                self._choose(seeds.index(error.seed), *other, seeds)
         self._under_way[begun] = 0.0
         self.sensed = self._sense()
         return begun
+
+    def _choose(self, lane: int, name: str, seed: int, seeds: list[int | None]) -> None:
+        first, variants = self._variants[name]
+        self.scenario[lane], seeds[lane] = name, seed
+        self._place[lane] = first + seed % variants
 
     def step(self, actions: NDArray[np.floating]) -> Outcomes:
         """Act in every lane with v [m/s], w [rad/s] (E, 2)."""

@@ -10,6 +10,7 @@ from crowdbench_agents.learning.lanes import Lanes
 from crowdbench_agents.learning.replay import EXPERT, PLANNER, Replay
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.stopwatch import Stopwatch
+from crowdbench_agents.learning.worlds import Worlds
 from numpy.typing import NDArray
 from torch import nn
 
@@ -27,6 +28,7 @@ class Rollout:
         network: what it acts by, followed while it is trained.
         config: all settings.
         lanes: (E,) numbers of these environments among all of the run; those of the replay's lanes.
+        worlds: in which.
         sampler: of episodes.
         replay: what is driven goes there.
         seed: of exploration.
@@ -43,6 +45,7 @@ class Rollout:
         network: nn.Module,
         config: Config,
         lanes: NDArray[np.integer],
+        worlds: Worlds,
         sampler: ScenarioSampler,
         replay: Replay,
         seed: int,
@@ -50,7 +53,7 @@ class Rollout:
         settings = config.training
         self._lanes, self._sampler, self._replay = lanes, sampler, replay
         self._everywhere = np.arange(len(lanes))
-        self._envs = Lanes(len(lanes), list(sampler.success), sampler, config.perception.geometry)
+        self._envs = Lanes(len(lanes), worlds, sampler, config.perception.geometry)
         unlabelled = settings.environments - settings.labelled_environments
         self._experts = Experts(settings.expert, self._envs, np.flatnonzero(lanes >= unlabelled))
         self.explorer = kind.explorer(network, config, self._envs.bounds, lanes, seed)

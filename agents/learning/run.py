@@ -24,12 +24,11 @@ from crowdbench_agents.learning.journal import Journal
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.rollout import Rollout
-from crowdbench_agents.learning.sampler import ScenarioSampler, scenario_digests
+from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.trained_robot import TrainedRobot
 from crowdbench_agents.learning.validation import Act, validate
 from crowdbench_agents.learning.weights import save_weights
-
-import crowdbench
+from crowdbench_agents.learning.worlds import digests, robot_of, training_worlds
 
 
 class TrainingRun:
@@ -64,17 +63,16 @@ class TrainingRun:
     ) -> None:
         settings = config.training
         self.form, self.folder, self.config = kind.form, folder, config
-        self.sampler = ScenarioSampler(seed)
-        self.digests = scenario_digests(self.sampler.success)
-        require_straight_ways(settings.detour_price, self.digests)
+        self._worlds = training_worlds(settings)
+        self.sampler = ScenarioSampler(seed, self._worlds)
+        self.digests = digests(self._worlds)
+        require_straight_ways(settings.detour_price, self._worlds)
         self.rng = np.random.default_rng([seed, 2])
-        robot = crowdbench.RobotSpec.from_scenario(
-            crowdbench.load_scenario(next(iter(self.sampler.success)))
-        )
+        robot = robot_of(self._worlds)
         self.replay = open_replay(folder, config, robot, social)
         self.demonstrations: Demonstrations | None = None
         if settings.demonstrations:
-            self.demonstrations = Demonstrations(folder.parent, config, robot, social)
+            self.demonstrations = Demonstrations(folder.parent, config, social, self._worlds)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),
@@ -88,13 +86,16 @@ class TrainingRun:
     def _make_acting(self, kind: Kind, seed: int, actors: int) -> Acting:
         if actors:
             return Actors(
-                kind, self.learner.network, self.config, self.folder, self.sampler, seed, actors
-            )
+                kind, self.learner.network, self.config, self._worlds, self.folder, self.sampler,
+                seed, actors,
+            )  # fmt: skip
         everywhere = np.arange(self.config.training.environments)
         learned = self.learner.network
         here = next(learned.parameters()).device.type == "cpu"
         network = learned if here else kind.network(self.config).requires_grad_(False)
-        rollout = Rollout(kind, network, self.config, everywhere, self.sampler, self.replay, seed)
+        rollout = Rollout(
+            kind, network, self.config, everywhere, self._worlds, self.sampler, self.replay, seed
+        )
         return InProcess(rollout, network, learned)
 
     @property
@@ -182,7 +183,9 @@ class TrainingRun:
         """Tell the success of the policy on validation seeds, and keep the best."""
         settings = self.config.training
         geometry = self.config.perception.geometry
-        result = validate(self.policy(), geometry, settings.validation_episodes)
+        # As they are: what variants are trained for.
+        worlds = {name: variants[:1] for name, variants in self._worlds.items()}
+        result = validate(self.policy(), geometry, settings.validation_episodes, worlds)
         counts = {
             "steps": self.steps, "decisions": self.decisions, "updates": self.updates,
             "seconds": self.seconds,
@@ -235,7 +238,7 @@ class TrainingRun:
             TrainingError: it is damaged, of another version or other networks, or its scenarios
                 have changed.
         """
-        state = load_checkpoint(self.folder, self.form)
+        state = load_checkpoint(self.folder, self.form, self.digests)
         require_fitting(self.folder, state, {"learner": self.learner.state()})
         self.rng.bit_generator.state = state["rng"]
         counters, sampler = state["counters"], state["sampler"]

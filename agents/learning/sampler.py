@@ -1,36 +1,15 @@
-"""Which scenarios are trained in, and which episode comes next."""
+"""Which episode of training comes next."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 from crowdbench_agents.learning.seeds import training_seeds
 
-import crowdbench
-
-TRAINING_SCENARIOS = {
-    "unimodal_slow": 1, "unimodal_fast": 2, "multimodal_slow": 1, "multimodal_fast": 2,
-    "unimodal_slow_nonreactive": 2, "unimodal_fast_nonreactive": 4,
-    "multimodal_slow_nonreactive": 2, "multimodal_fast_nonreactive": 4,
-    "corridor_sparse": 1, "corridor_moderate": 1, "corridor_dense": 2, "corridor_very_dense": 3,
-}  # fmt: skip
-"""Scenarios that are trained and validated in, with their share of the demonstrations: more where
-people are fast, non-reactive or many."""
 EASY_WEIGHT = 0.1
 """Weight of a scenario that always succeeds; one that never does has 1 more."""
 SUCCESS_RATE = 0.02  # of the running success while training, per episode
-
-
-def scenario_digests(names: Iterable[str]) -> dict[str, str]:
-    """The digest of each of some scenarios, by name."""
-    return {name: crowdbench.load_scenario(name).digest for name in names}
-
-
-def joint_digest(digests: dict[str, str]) -> str:
-    """12 hex digits that change whenever one of the scenarios does."""
-    return hashlib.sha256("".join(digests.values()).encode()).hexdigest()[:12]
 
 
 class ScenarioSampler:
@@ -38,7 +17,7 @@ class ScenarioSampler:
 
     Args:
         seed: of the run.
-        scenarios: names of those that are drawn, by default those that are trained in.
+        scenarios: names of those that are drawn.
         episodes: number of the episode before the first one that is drawn.
         stride: from one number to the next: several samplers of a run share no episode.
 
@@ -50,12 +29,11 @@ class ScenarioSampler:
     def __init__(
         self,
         seed: int,
-        scenarios: Iterable[str] | None = None,
+        scenarios: Iterable[str],
         episodes: int = 0,
         stride: int = 1,
     ) -> None:
-        names = TRAINING_SCENARIOS if scenarios is None else scenarios
-        self.success = dict.fromkeys(names, 0.5)
+        self.success = dict.fromkeys(scenarios, 0.5)
         self.episodes = episodes
         self._stride, self._seeds = stride, training_seeds(seed)
         alone = (episodes, stride) == (0, 1)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from crowdbench_agents.learning.inputs import Sensed
 from crowdbench_agents.learning.lanes import Lanes
-from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
 from crowdbench_agents.learning.seeds import VALIDATION
+from crowdbench_agents.learning.worlds import Worlds
 from numpy.typing import NDArray
 
 import crowdbench
@@ -68,7 +68,7 @@ def validate(
     act: Act,
     geometry: crowdbench.MapGeometry,
     episodes: int,
-    scenarios: Sequence[str] | None = None,
+    worlds: Worlds,
     first_seed: int = VALIDATION[0],
 ) -> Validation:
     """Run some validation seeds of each scenario.
@@ -77,12 +77,11 @@ def validate(
         act: the agent, for many environments at once.
         geometry: of the obstacle maps.
         episodes: per scenario.
-        scenarios: those of training by default.
+        worlds: in which.
         first_seed: the others follow it.
     """
-    names = scenarios or list(TRAINING_SCENARIOS)
-    wanted = ((name, first_seed + number) for number in range(episodes) for name in names)
-    lanes = Lanes(min(ENVIRONMENTS, len(names) * episodes), names, wanted, geometry)
+    wanted = ((name, first_seed + number) for number in range(episodes) for name in worlds)
+    lanes = Lanes(min(ENVIRONMENTS, len(worlds) * episodes), worlds, wanted, geometry)
     shortest, driven = np.zeros((2, len(lanes)))
 
     def begin(which: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -92,8 +91,8 @@ def validate(
         return begun
 
     running = begin(np.arange(len(lanes)))
-    success: dict[str, list[bool]] = {name: [] for name in names}
-    efficiency: dict[str, list[float]] = {name: [] for name in names}
+    success: dict[str, list[bool]] = {name: [] for name in worlds}
+    efficiency: dict[str, list[float]] = {name: [] for name in worlds}
     changes, seconds = [], []
     steps = np.zeros(len(lanes), np.int64)
     while len(running):

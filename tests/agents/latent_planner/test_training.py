@@ -12,9 +12,16 @@ from crowdbench_agents.learning.checkpoints import load_checkpoint
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.replay import EXPERT, PLANNER
 from crowdbench_agents.learning.run import TrainingRun
+from crowdbench_agents.learning.worlds import as_they_are, digests
 from crowdbench_agents.tdmpc.training import train as train_tdmpc
 
 import crowdbench
+
+
+def state_of(folder):
+    """What a run in two scenarios has kept."""
+    worlds = as_they_are(crowdbench.scenario_names("paper"))
+    return load_checkpoint(folder, FORMAT, digests(worlds))
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
@@ -42,8 +49,8 @@ def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, overrides, monkey
     train("worlds", steps=100, actors=0, overrides=overrides)
     load = crowdbench.load_scenario
 
-    def changed(name):
-        return load(name).override({"time_limit": 30.0} if name == "unimodal_slow" else {})
+    def changed(name, **robot):
+        return load(name, **robot).override({"time_limit": 30.0} if name == "unimodal_slow" else {})
 
     monkeypatch.setattr(crowdbench, "load_scenario", changed)
     with pytest.raises(TrainingError, match=r"scenarios have changed .*: unimodal_slow"):
@@ -52,10 +59,10 @@ def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, overrides, monkey
 
 def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, monkeypatch):
     train("worlds", steps=100, actors=0, overrides=overrides)
-    names = [*crowdbench.scenario_names(), "of_somebody_else"]
-    monkeypatch.setattr(crowdbench, "scenario_names", lambda: names)
+    names = [*crowdbench.scenario_names("paper"), "unimodal_fast"]
+    monkeypatch.setattr(crowdbench, "scenario_names", lambda tier: names)
     folder = train("worlds", steps=140, resume=True, actors=0, overrides=overrides)
-    assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 140
+    assert state_of(folder)["counters"]["steps"] == 140
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -72,21 +79,21 @@ def test_a_signal_that_arrives_in_a_callback_stops_a_run_at_a_whole_step(
 
     monkeypatch.setattr(TrainingRun, "step", interrupted)
     folder = train("short", steps=400, actors=0, overrides=overrides)
-    assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 44
+    assert state_of(folder)["counters"]["steps"] == 44
     train("short", steps=80, resume=True, actors=0, overrides=overrides)
-    assert load_checkpoint(folder, FORMAT)["counters"]["steps"] == 80
+    assert state_of(folder)["counters"]["steps"] == 80
 
 
 def test_a_run_goes_on_in_other_processes_and_without_its_replay(in_empty_folder, overrides):
     changes = overrides | {"training.warmup": 20, "training.refill": 100}
     folder = train("moved", steps=200, actors=0, overrides=changes)
-    before = load_checkpoint(folder, FORMAT)
+    before = state_of(folder)
     shutil.rmtree(folder / "replay")
     train("moved", steps=240, resume=True, actors=1, overrides=changes)
-    filling = load_checkpoint(folder, FORMAT)
+    filling = state_of(folder)
     assert filling["counters"]["updates"] == before["counters"]["updates"]
     train("moved", steps=360, resume=True, actors=0, overrides=changes)
-    after = load_checkpoint(folder, FORMAT)
+    after = state_of(folder)
     assert 15 <= after["counters"]["updates"] - before["counters"]["updates"] <= 40
     seen = [state["sampler"]["episodes"] for state in (before, filling, after)]
     assert seen == sorted(set(seen)), "no episode comes twice"

@@ -19,12 +19,13 @@ from crowdbench_agents.learning.demonstrations import open_replay
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.sampler import ScenarioSampler
 from crowdbench_agents.learning.shared import STAGES
+from crowdbench_agents.learning.worlds import as_they_are
 from simple_kind import BROKEN_KIND, KIND, SLOW_KIND, SMALL, Number
 
 import crowdbench
 
 ENVIRONMENTS = SMALL.training.environments
-SCENARIOS = ["corridor_sparse", "unimodal_slow"]
+WORLDS = as_they_are(["corridor_sparse", "unimodal_slow"])
 
 
 @contextmanager
@@ -32,8 +33,8 @@ def acting(folder, kind, count):
     """Actors that have begun, their network, and what they say; ended in the end."""
     network, said = Number(), []
     folder.mkdir(exist_ok=True)
-    sampler = ScenarioSampler(0, SCENARIOS)
-    made = Actors(kind, network, SMALL, folder, sampler, 0, count)
+    sampler = ScenarioSampler(0, WORLDS)
+    made = Actors(kind, network, SMALL, WORLDS, folder, sampler, 0, count)
     try:
         made.begin(said.append, lambda: False)
         yield made, network, said
@@ -119,14 +120,14 @@ def test_an_actor_that_hangs_is_ended(tmp_path, monkeypatch):
 def test_an_actor_ends_whose_learner_died_while_it_was_started(tmp_path, monkeypatch):
     """Its parent is another process from its first line on."""
     network = Number()
-    made = Actors(KIND, network, SMALL, tmp_path, ScenarioSampler(0, SCENARIOS), 0, 1)
+    made = Actors(KIND, network, SMALL, WORLDS, tmp_path, ScenarioSampler(0, WORLDS), 0, 1)
     made._weights.publish(network)
     monkeypatch.setattr(signal, "signal", lambda number, handler: None)
     monkeypatch.setattr(multiprocessing, "parent_process", lambda: SimpleNamespace(pid=-1))
     stop = threading.Timer(5.0, lambda: made._ledger.stop.fill(1))
     stop.start()
     try:
-        work(Job(KIND, SMALL, tmp_path, 0, np.arange(ENVIRONMENTS), 0, 0, 0, 1),
+        work(Job(KIND, SMALL, WORLDS, tmp_path, 0, np.arange(ENVIRONMENTS), 0, 0, 0, 1),
              made._ledger, made._weights, None)  # fmt: skip
         assert not made._ledger.stop[0], "it ended by itself"
     finally:

@@ -16,8 +16,6 @@ from crowdbench_agents.learning.errors import TrainingError
 from full_disk import room_for
 from safetensors.torch import save_file
 
-import crowdbench
-
 FORM = "some-networks"
 
 
@@ -26,7 +24,7 @@ def test_a_full_disk_is_told_and_leaves_the_checkpoint_before_alone(tmp_path):
     told = r"checkpoint\.safetensors: could not be written \(File too large\); make room on the"
     with room_for(1000), pytest.raises(TrainingError, match=told):
         save_checkpoint(tmp_path, {"updates": 8, "weights": torch.zeros(100_000)}, {}, FORM)
-    assert load_checkpoint(tmp_path, FORM)["updates"] == 7
+    assert load_checkpoint(tmp_path, FORM, {})["updates"] == 7
     assert [path.name for path in tmp_path.iterdir()] == [CHECKPOINT]
 
 
@@ -52,23 +50,25 @@ def test_a_run_that_is_being_trained_cannot_be_trained_by_another(tmp_path):
 
 
 def test_a_checkpoint_of_scenarios_that_have_changed_is_refused_by_their_names(tmp_path):
-    digests = {"corridor_sparse": crowdbench.load_scenario("corridor_sparse").digest}
-    save_checkpoint(tmp_path, {"updates": 7}, digests, FORM)
-    assert load_checkpoint(tmp_path, FORM) == {"updates": 7}
-    save_checkpoint(tmp_path, {"updates": 8}, digests | {"unimodal_slow": "0123456789ab"}, FORM)
-    with pytest.raises(TrainingError, match=r"changed .*: unimodal_slow .then 0123456789ab, now "):
-        load_checkpoint(tmp_path, FORM)
+    then, now = {"one": "0123456789ab", "other": "123456789abc"}, {"one": "0123456789ab"}
+    save_checkpoint(tmp_path, {"updates": 7}, now, FORM)
+    assert load_checkpoint(tmp_path, FORM, then) == {"updates": 7}
+    save_checkpoint(tmp_path, {"updates": 8}, then, FORM)
+    for there, shown in ((now, "none"), (now | {"other": "23456789abcd"}, "23456789abcd")):
+        changed = f"changed .*: other .then 123456789abc, now {shown}"
+        with pytest.raises(TrainingError, match=changed):
+            load_checkpoint(tmp_path, FORM, there)
 
 
 def test_a_damaged_checkpoint_is_told(tmp_path):
     (tmp_path / "checkpoint.safetensors").write_bytes(b"torn")
     with pytest.raises(TrainingError, match=r"checkpoint\.safetensors: cannot be read"):
-        load_checkpoint(tmp_path, FORM)
+        load_checkpoint(tmp_path, FORM, {})
 
 
 def refusal(folder, form=FORM):
     with pytest.raises(TrainingError) as caught:
-        load_checkpoint(folder, form)
+        load_checkpoint(folder, form, {})
     message = str(caught.value)
     assert message.startswith(f"{folder / 'checkpoint.safetensors'}: ")
     assert "\n" not in message
@@ -109,7 +109,7 @@ def test_a_state_comes_back_as_it_was(tmp_path):
         "noise": torch.Generator().manual_seed(5).get_state(), "best": 0.1, "name": "x", "no": {},
     }  # fmt: skip
     save_checkpoint(tmp_path, state, {}, FORM)
-    found = load_checkpoint(tmp_path, FORM)
+    found = load_checkpoint(tmp_path, FORM, {})
     assert found.keys() == state.keys()
     other = torch.optim.Adam(torch.nn.Linear(3, 2).parameters())
     other.load_state_dict(found["optimizer"])
@@ -128,7 +128,7 @@ def test_what_has_diverged_never_takes_the_place_of_a_good_checkpoint(tmp_path, 
     save_checkpoint(tmp_path, {"updates": 7}, {}, FORM)
     with pytest.raises(TrainingError, match=r"not written, since 'a.1' has values .* is intact"):
         save_checkpoint(tmp_path, {"updates": 8, "a": [1.0, bad]}, {}, FORM)
-    assert load_checkpoint(tmp_path, FORM) == {"updates": 7}
+    assert load_checkpoint(tmp_path, FORM, {}) == {"updates": 7}
 
 
 def test_a_number_that_is_not_finite_is_named(tmp_path, monkeypatch):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from crowdbench_agents.learning.demonstrations import LANES, Demonstrations
 from crowdbench_agents.learning.experts import Experts
+from crowdbench_agents.learning.worlds import training_worlds
 from simple_kind import SMALL
 
-import crowdbench
 from crowdbench.agent import find_agent
 
 WANTED = 200
@@ -17,8 +17,7 @@ WANTED = 200
 
 def demonstrations(folder, **changes):
     config = SMALL.override({"training.demonstrations": WANTED, **changes})
-    robot = crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario("unimodal_slow"))
-    return Demonstrations(folder, config, robot, social=True)
+    return Demonstrations(folder, config, True, training_worlds(config.training))
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from crowdbench_agents.geometry.under_way import CommandsUnderWay
 from crowdbench_agents.learning.lanes import Lanes
+from crowdbench_agents.learning.worlds import as_they_are
 
 import crowdbench
 
@@ -21,7 +22,7 @@ def test_late_commands_are_foreseen_in_lanes_as_by_an_agent(tmp_path):
     files = [str(tmp_path / name) for name in ("late.yaml", "slower.yaml")]
     for file, period in zip(files, (0.2, 0.5), strict=True):
         Path(file).write_text(f"{LATE}control_period: {period}\n")
-    lanes = Lanes(2, files, zip(files, (3, 4), strict=True), GEOMETRY)
+    lanes = Lanes(2, as_they_are(files), zip(files, (3, 4), strict=True), GEOMETRY)
     assert lanes.begin(np.arange(2)).tolist() == [0, 1]
     robots = [crowdbench.RobotSpec.from_scenario(crowdbench.load_scenario(file)) for file in files]
     under_way = [CommandsUnderWay(robot) for robot in robots]

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from crowdbench_agents.learning.sampler import ScenarioSampler
 
+import crowdbench
+
 
 def test_the_sampler_draws_what_fails_more_often_and_training_seeds_only():
-    sampler = ScenarioSampler(seed=3)
+    sampler = ScenarioSampler(3, crowdbench.scenario_names("paper"))
     for _ in range(500):
         for name in sampler.success:
             sampler.record(name, name != "corridor_dense")

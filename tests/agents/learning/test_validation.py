@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from crowdbench_agents.learning.validation import validate
+from crowdbench_agents.learning.worlds import as_they_are
 
 import crowdbench
 from crowdbench.evaluation.metrics import metrics
@@ -16,7 +17,8 @@ def test_who_stands_still_neither_arrives_nor_turns():
     def stand(moment):
         return np.tile(np.array([-1.0, 0.0], np.float32), (len(moment.place), 1))
 
-    standing = validate(stand, crowdbench.MapGeometry(16, 6.0, 4.0), 1, ["corridor_sparse"])
+    worlds = as_they_are(["corridor_sparse"])
+    standing = validate(stand, crowdbench.MapGeometry(16, 6.0, 4.0), 1, worlds)
     assert standing.success == standing.spl == {"corridor_sparse": 0.0}
     assert standing.smoothness == 0.0
     assert np.isnan(standing.seconds)
@@ -45,7 +47,7 @@ def test_validation_has_the_success_and_spl_of_the_evaluator():
         return waver(np.arctan2(moment.sensed.goal[:, 1], moment.sensed.goal[:, 0]), moment.steps)
 
     names, count = ["corridor_sparse", "unimodal_slow"], 4
-    found = validate(act, crowdbench.MapGeometry(16, 6.0, 4.0), count, names)
+    found = validate(act, crowdbench.MapGeometry(16, 6.0, 4.0), count, as_they_are(names))
     for name in names:
         episodes = [run_episode(name, [Wavering()], seed)[0] for seed in range(900_000, 900_004)]
         for metric, values in (("success", found.success), ("spl", found.spl)):
@@ -71,7 +73,7 @@ def test_validation_runs_the_wanted_episodes_one_after_another(monkeypatch):
 
     monkeypatch.setattr(crowdbench.CrowdVectorEnv, "reset", noted)
     names = ["corridor_sparse", "unimodal_slow"]
-    validate(ahead, crowdbench.MapGeometry(16, 6.0, 4.0), 2, names, first_seed=900_500)
+    validate(ahead, crowdbench.MapGeometry(16, 6.0, 4.0), 2, as_they_are(names), first_seed=900_500)
     assert sorted(begun) == [(name, seed) for name in names for seed in (900_500, 900_501)]
     assert set(taken) == {0, 1}
     assert sum(steps.count(0) for steps in taken.values()) == 4

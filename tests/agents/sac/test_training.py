@@ -12,11 +12,13 @@ from crowdbench_agents.learning.detour import require_straight_ways
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.run import TrainingRun
-from crowdbench_agents.learning.sampler import TRAINING_SCENARIOS
+from crowdbench_agents.learning.worlds import as_they_are, digests
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
 from crowdbench_agents.sac.training import KIND, train
 from full_disk import room_for
+
+import crowdbench
 
 
 def distance_from_expert(folder, config):
@@ -56,11 +58,17 @@ def test_where_a_map_is_trained_in_detours_have_no_price(in_empty_folder, tiny, 
 
     priced = {"training.detour_price": 5.0}
     make(**priced)
-    monkeypatch.setitem(TRAINING_SCENARIOS, "situation_blind_corner", 1)
+    monkeypatch.setattr(crowdbench, "scenario_names", lambda tier: ["situation_blind_corner"])
     allowed = r"training\.detour_price: 5; allowed: 0 where 'situation_blind_corner' is trained in"
     with pytest.raises(TrainingError, match=allowed):
         make(**priced)
-    require_straight_ways(0.0, TRAINING_SCENARIOS)
+    require_straight_ways(0.0, as_they_are(["situation_blind_corner"]))
+
+
+def counters_of(folder):
+    """What a run in two scenarios has counted."""
+    names = crowdbench.scenario_names("paper")
+    return load_checkpoint(folder, FORMAT, digests(as_they_are(names)))["counters"]
 
 
 def acted(folder, config, steps=20):
@@ -125,7 +133,7 @@ def test_a_signal_stops_a_run_before_and_after_its_pretraining(
     monkeypatch.setattr(Learner, "update", interrupted)
     changes = overrides | {"training.pretraining": pretraining}
     folder = train("short", steps=10_000, overrides=changes, actors=0)
-    counters = load_checkpoint(folder, FORMAT)["counters"]
+    counters = counters_of(folder)
     assert counters["updates"] == 1
     assert counters["steps"] < 100
 
@@ -144,10 +152,10 @@ def test_a_signal_stops_a_run_that_records_demonstrations_and_it_goes_on_with_th
 
     monkeypatch.setattr(Experts, "labels", interrupted)
     folder = train("short", steps=20, overrides=overrides, actors=0)
-    counters = load_checkpoint(folder, FORMAT)["counters"]
+    counters = counters_of(folder)
     assert (counters["updates"], counters["steps"], len(calls)) == (0, 0, 5)
     train("short", steps=20, resume=True, overrides=overrides, actors=0)
-    counters = load_checkpoint(folder, FORMAT)["counters"]
+    counters = counters_of(folder)
     assert counters["updates"] == overrides["training.pretraining"]
     (recorded,) = in_empty_folder.glob("runs/demonstrations-*/written.npy")
     assert 600 <= np.load(recorded).sum() <= 620
