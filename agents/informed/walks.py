@@ -62,21 +62,40 @@ def likely_directions(state, before, period, robot_radius):
         )
     grouped = state["pedestrian_group"] >= 0
     if grouped.any():
-        likely[grouped] = _of_velocities(*_of_groups(state, grouped), GROUP_NOISE)
+        likely[grouped] = _of_groups(state, before, grouped, period)
     return likely
 
 
-def _of_groups(state, grouped):
-    """Mean velocities (G, 2) of the groups of all grouped people, at their pace (G,)."""
+def _of_groups(state, before, grouped, period):
+    """(G, DIRECTIONS) the same of all grouped people, by how the middle of their group moved."""
     group, velocity = state["pedestrian_group"], state["pedestrian_velocity"]
-    chosen = np.flatnonzero(grouped)
-    means, paces = np.empty((len(chosen), 2)), np.empty(len(chosen))
-    for i, p in enumerate(chosen):
+    likely = np.empty((np.count_nonzero(grouped), DIRECTIONS))
+    for i, p in enumerate(np.flatnonzero(grouped)):
         members = group == group[p]
-        x, y = velocity[members].mean(axis=0)
-        paces[i] = state["pedestrian_speed"][members].min()
-        means[i] = np.array([x, y]) * (paces[i] / max(math.hypot(x, y), 1e-3))
-    return means, paces
+        pace = state["pedestrian_speed"][members].min()
+        mean = velocity[members].mean(axis=0)
+        if before is None:
+            mean *= pace / max(math.hypot(*mean), 1e-3)
+            likely[i] = _of_velocities(mean[None], np.array([pace]), GROUP_NOISE)
+        else:
+            most = state["pedestrian_acceleration"][members].min() * period
+            last = before["pedestrian_velocity"][members].mean(axis=0)
+            likely[i] = _of_turn(last, mean, pace, most)
+    return likely
+
+
+@compiled()
+def _of_turn(last, mean, pace, most):
+    """(DIRECTIONS,) how likely a group's mean velocity is a step after another one."""
+    likely = np.empty(DIRECTIONS)
+    for a in range(DIRECTIONS):
+        angle = 2 * math.pi * a / DIRECTIONS
+        dx, dy = pace * math.cos(angle) - last[0], pace * math.sin(angle) - last[1]
+        share = math.hypot(dx, dy) / most
+        if share > 1.0:
+            dx, dy = dx / share, dy / share
+        likely[a] = _density(mean[0] - last[0] - dx, mean[1] - last[1] - dy, GROUP_NOISE)
+    return likely
 
 
 @compiled()
