@@ -185,3 +185,30 @@ def test_where_nothing_is_left_to_be_believed_belief_begins_anew():
     believed = drawn(goals, env.state(), "pedestrian_goal")[:, 0]
     assert np.ptp(believed, axis=0).max() > 1.0
     assert np.linalg.norm(believed - state["pedestrian_start"][0], axis=1).min() > 4.0 - 0.2
+
+
+def test_groups_that_turn_are_believed_to_turn():
+    """Half a second after a leg begins, while limits on accelerations hold them back."""
+    groups = {"share": 1.0, "size": (3, 3)}
+    crowd = {"count": 9, "reactive": 0, "groups": groups, "acceleration": 2.4, "leg": 3}
+    env = crowdbench.parallel_env("multimodal_fast", pedestrians=crowd)
+    everybody, right = np.ones(9, dtype=bool), []
+    for seed in range(SEED, SEED + 3):
+        env.reset(seed=seed)
+        state, age = env.state(), np.zeros(9)
+        goals = Goals(state, 0.2, env.robot_spec().radius, 20, np.random.default_rng(1))
+        goals.update(state, everybody)
+        while env.agents:
+            env.step({"robot_0": (0.0, 0.0)})
+            before, state = state, env.state()
+            goals.update(state, everybody)
+            begun = (state["pedestrian_start"] != before["pedestrian_start"]).any(axis=1)
+            age = np.where(begun, 0, age + 1)
+            believed = drawn(goals, state, "pedestrian_goal") - state["pedestrian_position"]
+            true = state["pedestrian_goal"] - state["pedestrian_position"]
+            for p in {0, 3, 6} & set(np.flatnonzero(age == 2)):
+                way = true[p] / np.linalg.norm(true[p])
+                ahead = believed[:, p] @ way / np.linalg.norm(believed[:, p], axis=1)
+                right.append((ahead > 0.7).mean())
+    assert len(right) > 10
+    assert np.mean(right) > 0.8
