@@ -45,6 +45,7 @@ class Guidance:
         most = max((len(places.ways.network.nodes) for places in found if places), default=0)
         robots = scenarios[0].robots.count
         self._places = [places for places in found if places and _leads(places)]
+        self._arrays = [_arrays(places) for places in self._places]
         self._which = np.full(lanes, -1)  # of these, -1 for none
         self._lengths = np.empty((lanes, robots, most))
         self.remaining = np.zeros((lanes, robots))
@@ -61,27 +62,30 @@ class Guidance:
         self._which[lane] = -1
         if places is None or not _leads(places):
             return
-        self._which[lane] = [one.scenario is places.scenario for one in self._places].index(True)
+        which = [one.scenario is places.scenario for one in self._places].index(True)
+        self._which[lane] = which
         _find_lengths(lane, robots, self._lengths, places.ways.network)
         first = np.array([lane])
-        _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *_arrays(places))
+        _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *self._arrays[which])
         self._before[lane] = self.remaining[lane]
 
     def observe(self, lanes: Lanes, robots: NDArray[np.void], seen: NDArray[np.float32]) -> None:
         """Write the points ahead into ``seen``, in the place of goals."""
-        for places, which in self._groups(lanes):
-            _lead(which, robots, self._lengths, self.remaining, seen, *_arrays(places))
+        for arrays, which in self._groups(lanes):
+            _lead(which, robots, self._lengths, self.remaining, seen, *arrays)
 
     def judge(self, lanes: Lanes, worlds: NDArray[np.void], robots: NDArray[np.void]) -> None:
         """Count progress along the path in the reward terms of a step that has been judged."""
         for _, which in self._groups(lanes):
             _count_progress(which, worlds, robots, self.remaining, self._before)
 
-    def _groups(self, lanes: Lanes) -> list[tuple[Places, Lanes]]:
-        """Lanes with paths, by what they share."""
+    def _groups(self, lanes: Lanes) -> list[tuple[tuple[Any, ...], Lanes]]:
+        """Lanes with paths, by the map that they share: as ``_arrays`` gives it."""
         which = self._which[lanes]
-        found = set(which.tolist()) - {-1}
-        return [(self._places[i], lanes[which == i]) for i in sorted(found)]
+        found = set(which.tolist())
+        if len(found) == 1:  # nearly always, and dearer to find out once more with masks
+            return [(self._arrays[i], lanes) for i in found if i >= 0]
+        return [(self._arrays[i], lanes[which == i]) for i in sorted(found - {-1})]
 
 
 def _leads(places: Places) -> bool:
