@@ -20,7 +20,7 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation.clearance import sees
 from crowdbench.simulation.lanes import SUCCESS
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, Places, places_of
-from crowdbench.simulation.ways import lengths_to, next_point
+from crowdbench.simulation.ways import next_point
 
 _HALVINGS = 6
 """By which the farthest point in sight is found on a straight part of a path."""
@@ -64,7 +64,9 @@ class Guidance:
             return
         which = [one.scenario is places.scenario for one in self._places].index(True)
         self._which[lane] = which
-        _find_lengths(lane, robots, self._lengths, places.ways.network)
+        for r, goal in enumerate(robots["goal"][lane]):
+            lengths = places.ways.remaining(goal)
+            self._lengths[lane, r, : len(lengths)] = lengths
         first = np.array([lane])
         _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *self._arrays[which])
         self._before[lane] = self.remaining[lane]
@@ -100,14 +102,6 @@ def _arrays(places: Places) -> tuple[Any, ...]:
     """Of the ways among a map's walls, as ``_lead`` takes them."""
     network, look_ahead = places.ways.network, places.scenario.robots.look_ahead
     return network, network.reach - WALL_CLEARANCE, look_ahead
-
-
-@compiled()
-def _find_lengths(lane, robots, lengths, network):  # type: ignore[no-untyped-def]
-    """Write the lengths of the ways from all way points to the goals of a lane's robots."""
-    for r in range(robots.shape[1]):
-        x, y = robots[lane, r].goal[0], robots[lane, r].goal[1]
-        lengths_to(x, y, network, lengths[lane, r, : len(network.nodes)])
 
 
 @compiled()
