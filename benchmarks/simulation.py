@@ -7,6 +7,10 @@ time of the command line, and the memory of 32 environments in one process.
 ``python benchmarks/simulation.py --peers PYTHON``, with a Python that has navground and IR-SIM (see
 ``benchmarks/peers.py``), prints steps a second of processor time of one environment, of the vector
 environment and of the peers in a scene of the same size, taken in turns.
+
+``python benchmarks/simulation.py --tier hard situation`` prints the processor time of a step in
+every scenario of these tiers, without resets, and its ratio to that of ``multimodal_fast`` with as
+many people: of one environment, and of one of 64 lanes.
 """
 
 from __future__ import annotations
@@ -21,11 +25,13 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 import crowdbench
 
 STEPS, REPEATS = 10_000, 5
+ROUNDS, LANES = 20, 64
+"""Turns of ``--tier``, for medians on a machine that does other things too."""
 
 
 def steps_per_second(scenario: str) -> tuple[float, float]:
@@ -154,18 +160,81 @@ def compare_with_peers(python: str, console: Console) -> None:
     console.print(table)
 
 
+def step_of_one(scenario: crowdbench.Scenario) -> Callable[[], float]:
+    """Return a function that takes 250 steps: processor time of one, resets apart [us]."""
+    env = crowdbench.parallel_env(scenario)
+    env.reset(seed=900_000)
+    actions = np.random.default_rng(0).uniform([0, -1.5], [1, 1.5], (250, 2)).astype(np.float32)
+
+    def run() -> float:
+        begin, resetting = time.process_time(), 0.0
+        for action in actions:
+            env.step({"robot_0": action})
+            if not env.agents:
+                moment = time.process_time()
+                env.reset()
+                resetting += time.process_time() - moment
+        return (time.process_time() - begin - resetting) / len(actions) * 1e6
+
+    return run
+
+
+def step_of_lanes(scenario: crowdbench.Scenario) -> Callable[[], float]:
+    """Return a function that takes 20 steps in all lanes: likewise, of one lane."""
+    env = crowdbench.vector_env(scenario, LANES, autoreset_mode="Disabled")
+    env.reset(seed=900_000)
+    draw = np.random.default_rng(0)
+    actions = draw.uniform([0, -1.5], [1, 1.5], (20, LANES, 2)).astype(np.float32)
+
+    def run() -> float:
+        begin, resetting = time.process_time(), 0.0
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            if (over := terminated | truncated).any():
+                moment = time.process_time()
+                env.reset(options={"reset_mask": over})
+                resetting += time.process_time() - moment
+        return (time.process_time() - begin - resetting) / len(actions) / LANES * 1e6
+
+    return run
+
+
+def compare_with_open(tiers: list[str], console: Console) -> None:
+    """Print the table of ``--tier``: medians of rounds in which both scenarios take turns."""
+    name_column = Column("scenario", no_wrap=True)
+    table = Table(name_column, "people", "one, us", "ratio", f"{LANES} lanes, us", "ratio")
+    for name in (name for tier in tiers for name in crowdbench.scenario_names(tier)):
+        scenario = crowdbench.load_scenario(name)
+        people = scenario.pedestrians.count
+        easy = crowdbench.load_scenario("multimodal_fast", pedestrians={"count": people})
+        cells = []
+        for step_of in (step_of_one, step_of_lanes):
+            hard_step, easy_step = step_of(scenario), step_of(easy)
+            costs = np.array([(hard_step(), easy_step()) for _ in range(ROUNDS + 1)][1:])
+            ratio = np.median(costs[:, 0] / costs[:, 1])
+            cells += [f"{np.median(costs[:, 0]):.1f}", f"{ratio:.2f}"]
+        table.add_row(name, str(people), *cells)
+    console.print(table)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--peers", metavar="PYTHON", help="compare with peers that this one has")
+    tiers = crowdbench.scenario_tiers()
+    parser.add_argument("--tier", nargs="+", choices=tiers, help="compare with multimodal_fast")
     parser.add_argument("scenarios", nargs="*", default=["multimodal_fast", "corridor_very_dense"])
     console = Console()
-    if python := parser.parse_args().peers:
-        compare_with_peers(python, console)
+    arguments = parser.parse_args()
+    if arguments.peers:
+        compare_with_peers(arguments.peers, console)
+        return
+    if arguments.tier:
+        compare_with_open(arguments.tier, console)
         return
     memory = memory_of_32()
     table = Table("scenario", "steps/s", "of that resets", "obstacle map, us/step")
-    for scenario in parser.parse_args().scenarios:
+    for scenario in arguments.scenarios:
         rate, share = steps_per_second(scenario)
         table.add_row(scenario, f"{rate:,.0f}", f"{share:.0%}", f"{map_microseconds(scenario):.1f}")
     console.print(table)

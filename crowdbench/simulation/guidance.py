@@ -20,7 +20,7 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation.clearance import sees
 from crowdbench.simulation.lanes import SUCCESS
 from crowdbench.simulation.map_layout import WALL_CLEARANCE, Places, places_of
-from crowdbench.simulation.ways import lengths_to, next_point
+from crowdbench.simulation.ways import next_point
 
 _HALVINGS = 6
 """By which the farthest point in sight is found on a straight part of a path."""
@@ -45,6 +45,7 @@ class Guidance:
         most = max((len(places.ways.network.nodes) for places in found if places), default=0)
         robots = scenarios[0].robots.count
         self._places = [places for places in found if places and _leads(places)]
+        self._arrays = [_arrays(places) for places in self._places]
         self._which = np.full(lanes, -1)  # of these, -1 for none
         self._lengths = np.empty((lanes, robots, most))
         self.remaining = np.zeros((lanes, robots))
@@ -61,27 +62,32 @@ class Guidance:
         self._which[lane] = -1
         if places is None or not _leads(places):
             return
-        self._which[lane] = [one.scenario is places.scenario for one in self._places].index(True)
-        _find_lengths(lane, robots, self._lengths, places.ways.network)
+        which = [one.scenario is places.scenario for one in self._places].index(True)
+        self._which[lane] = which
+        for r, goal in enumerate(robots["goal"][lane]):
+            lengths = places.ways.remaining(goal)
+            self._lengths[lane, r, : len(lengths)] = lengths
         first = np.array([lane])
-        _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *_arrays(places))
+        _lead(first, robots, self._lengths, self.remaining, _UNSEEN, *self._arrays[which])
         self._before[lane] = self.remaining[lane]
 
     def observe(self, lanes: Lanes, robots: NDArray[np.void], seen: NDArray[np.float32]) -> None:
         """Write the points ahead into ``seen``, in the place of goals."""
-        for places, which in self._groups(lanes):
-            _lead(which, robots, self._lengths, self.remaining, seen, *_arrays(places))
+        for arrays, which in self._groups(lanes):
+            _lead(which, robots, self._lengths, self.remaining, seen, *arrays)
 
     def judge(self, lanes: Lanes, worlds: NDArray[np.void], robots: NDArray[np.void]) -> None:
         """Count progress along the path in the reward terms of a step that has been judged."""
         for _, which in self._groups(lanes):
             _count_progress(which, worlds, robots, self.remaining, self._before)
 
-    def _groups(self, lanes: Lanes) -> list[tuple[Places, Lanes]]:
-        """Lanes with paths, by what they share."""
+    def _groups(self, lanes: Lanes) -> list[tuple[tuple[Any, ...], Lanes]]:
+        """Lanes with paths, by the map that they share: as ``_arrays`` gives it."""
         which = self._which[lanes]
-        found = set(which.tolist()) - {-1}
-        return [(self._places[i], lanes[which == i]) for i in sorted(found)]
+        found = set(which.tolist())
+        if len(found) == 1:  # nearly always, and dearer to find out once more with masks
+            return [(self._arrays[i], lanes) for i in found if i >= 0]
+        return [(self._arrays[i], lanes[which == i]) for i in sorted(found - {-1})]
 
 
 def _leads(places: Places) -> bool:
@@ -96,14 +102,6 @@ def _arrays(places: Places) -> tuple[Any, ...]:
     """Of the ways among a map's walls, as ``_lead`` takes them."""
     network, look_ahead = places.ways.network, places.scenario.robots.look_ahead
     return network, network.reach - WALL_CLEARANCE, look_ahead
-
-
-@compiled()
-def _find_lengths(lane, robots, lengths, network):  # type: ignore[no-untyped-def]
-    """Write the lengths of the ways from all way points to the goals of a lane's robots."""
-    for r in range(robots.shape[1]):
-        x, y = robots[lane, r].goal[0], robots[lane, r].goal[1]
-        lengths_to(x, y, network, lengths[lane, r, : len(network.nodes)])
 
 
 @compiled()

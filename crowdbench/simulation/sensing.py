@@ -127,43 +127,59 @@ def _proprioception(
 class ScanNoise:
     """Noise and dropout of the LiDARs in many lanes, of every robot from a generator of its own."""
 
-    def __init__(self, lanes: int, largest: float) -> None:
-        """No lane has any yet; scans say ``largest`` [m] where nothing is hit."""
-        self._largest = largest
-        self._noise, self._dropout = np.zeros((2, lanes))
+    def __init__(self, lanes: int, scenario: Scenario) -> None:
+        """No lane has any yet; robots and LiDAR are those of the scenario."""
+        shape = lanes, scenario.robots.count, scenario.lidar.beams
+        self._largest = scenario.lidar.range
+        self._sizes = np.zeros((lanes, 2))  # noise [m] and dropout
+        self._normal, self._uniform = np.zeros((2, *shape))  # drawn for every beam
         self._noisy = np.zeros(lanes, dtype=np.bool_)
         self._generators: list[list[np.random.Generator]] = [[] for _ in range(lanes)]
 
     def begin(self, lane: int, scenario: Scenario, seed: int) -> None:
         """Begin an episode in a lane."""
         lidar = scenario.lidar
-        self._noise[lane], self._dropout[lane] = lidar.noise, lidar.dropout
+        self._sizes[lane] = lidar.noise, lidar.dropout
         self._noisy[lane] = lidar.noise > 0.0 or lidar.dropout > 0.0
         robots = scenario.robots.count if self._noisy[lane] else 0
         self._generators[lane] = [streams.lidar(seed, r) for r in range(robots)]
 
     def add(
-        self, lanes: NDArray[np.int64], seen: NDArray[np.float32], active: NDArray[np.bool_]
+        self, lanes: NDArray[np.int64], robots: NDArray[np.void], seen: NDArray[np.float32]
     ) -> None:
-        """Change what active robots (L, R) in lanes (M,) have seen, see ``State``."""
-        if not self._noisy[lanes].any():
+        """Change what active robots in lanes (M,) have seen, see ``State``."""
+        which = lanes[self._noisy[lanes]]
+        if not len(which):
             return
-        rows, robots = np.nonzero(active[lanes] & self._noisy[lanes, None])
-        which = lanes[rows]
-        scans = seen[which, robots, PROPRIOCEPTION:]
-        noise, dropout = self._noise[which], self._dropout[which]
-        normal, uniform = np.zeros((2, *scans.shape))
-        each = zip(which.tolist(), robots.tolist(), strict=True)
-        drawing = [self._generators[lane][r] for lane, r in each]
-        for i in np.flatnonzero(noise > 0.0).tolist():
-            drawing[i].standard_normal(out=normal[i])
-        for i in np.flatnonzero(dropout > 0.0).tolist():
-            drawing[i].random(out=uniform[i])
-        noisy = np.clip(scans + noise[:, None] * normal, 0.0, self._largest)
-        # A beam that hits nothing has nothing to be noisy about.
-        noisy = np.where(scans < self._largest, noisy, scans)
-        lost = uniform < dropout[:, None]
-        seen[which, robots, PROPRIOCEPTION:] = np.where(lost, self._largest, noisy)
+        sizes, active = self._sizes[which].tolist(), robots["active"][which].tolist()
+        for lane, (noise, dropout), there in zip(which.tolist(), sizes, active, strict=True):
+            for r, generator in enumerate(self._generators[lane]):
+                if there[r] and noise > 0.0:
+                    generator.standard_normal(out=self._normal[lane, r])
+                if there[r] and dropout > 0.0:
+                    generator.random(out=self._uniform[lane, r])
+        largest = self._largest
+        _disturb(which, robots, self._sizes, self._normal, self._uniform, largest, seen)
+
+
+@compiled()
+def _disturb(lanes, robots, sizes, normal, uniform, largest, seen):  # type: ignore[no-untyped-def]
+    """Add noise to what active robots have seen, and lose beams; sizes and draws of all lanes."""
+    nothing = np.float32(largest)
+    for i in range(len(lanes)):
+        lane = lanes[i]
+        noise, dropout = sizes[lane, 0], sizes[lane, 1]
+        for r in range(robots.shape[1]):
+            if not robots[lane, r].active:
+                continue
+            scan = seen[lane, r, PROPRIOCEPTION:]
+            for k in range(len(scan)):
+                if dropout > 0.0 and uniform[lane, r, k] < dropout:
+                    scan[k] = nothing
+                # A beam that hits nothing has nothing to be noisy about.
+                elif noise > 0.0 and scan[k] < nothing:
+                    noisy = scan[k] + noise * normal[lane, r, k]
+                    scan[k] = min(max(noisy, 0.0), largest)
 
 
 class DrawnMaps:

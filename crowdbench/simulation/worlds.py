@@ -74,7 +74,7 @@ class Worlds:
         self._beams = beam_table(lidar_angles(scenarios[0]))
         self._prepared: dict[int, Prepared] = {}
         self._kernels: list[Callable[..., None] | None] = [None] * lanes
-        self._noise = ScanNoise(lanes, scenarios[0].lidar.range)
+        self._noise = ScanNoise(lanes, scenarios[0])
         on_map = any(scenario.arena.kind == "map" for scenario in scenarios)
         self._guidance = Guidance(lanes, scenarios) if on_map else None
         self._habits = HabitLanes(lanes)
@@ -200,7 +200,7 @@ class Worlds:
         observe(lanes, s.worlds, s.robots, s.people, s.obstacles, s.walls, self._beams, s.seen)
         if self._guidance is not None:
             self._guidance.observe(lanes, s.robots, s.seen)
-        self._noise.add(lanes, s.seen, s.robots["active"])
+        self._noise.add(lanes, s.robots, s.seen)
         for lane in self._drifting.intersection(lanes.tolist()):
             robots = s.robots[lane]
             for r in np.flatnonzero(robots["active"]).tolist():
@@ -253,9 +253,12 @@ class Worlds:
 
     def _delay(self, lanes: Lanes, commands: NDArray[np.float64]) -> NDArray[np.float64]:
         """The commands (M, R, 2) that act now; the given ones join those under way."""
-        queue = np.concatenate([self.state.under_way[lanes], commands[:, :, None]], axis=2)
-        self.state.under_way[lanes] = queue[:, :, 1:]
-        return np.ascontiguousarray(queue[:, :, 0])
+        queue = self.state.under_way[lanes]
+        acting = queue[:, :, 0].copy()
+        queue[:, :, :-1] = queue[:, :, 1:]
+        queue[:, :, -1] = commands
+        self.state.under_way[lanes] = queue
+        return acting
 
     def _draw(self) -> None:
         """Give those who have used up their draws new ones."""

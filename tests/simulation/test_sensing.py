@@ -51,9 +51,12 @@ def test_what_happens_does_not_depend_on_where_the_lidar_is():
 
 def test_every_scan_takes_noise_and_then_dropout_from_the_generator_of_its_episode():
     settings = [(0.05, 0.2), (0.3, 0.0), (0.0, 0.3), (0.0, 0.0)]
-    small = {"pedestrians.count": 2, "lidar.beams": 60}
+    far = np.float32(3.3)  # scans hold float32, and in float64 3.3 is another number
+    small = {"pedestrians.count": 2, "lidar.beams": 60, "lidar.range": 3.3}
     worlds = [
-        crowdbench.load_scenario("corridor_sparse", **small, lidar={"noise": s, "dropout": d})
+        crowdbench.load_scenario(
+            "corridor_sparse", **small, **{"lidar.noise": s, "lidar.dropout": d}
+        )
         for s, d in settings
     ]
     lanes = np.arange(len(worlds))
@@ -65,9 +68,9 @@ def test_every_scan_takes_noise_and_then_dropout_from_the_generator_of_its_episo
         for lane, (noise, dropout) in enumerate(settings):
             expected = true["lidar"][lane].copy()
             if noise:
-                off = np.clip(expected + generators[lane].normal(0.0, noise, 60), 0.0, 6.0)
-                expected[expected < 6.0] = off[expected < 6.0]
+                off = np.clip(expected + generators[lane].normal(0.0, noise, 60), 0.0, 3.3)
+                expected[expected < far] = off[expected < far]
             if dropout:
-                expected[generators[lane].random(60) < dropout] = 6.0
+                expected[generators[lane].random(60) < dropout] = far
             np.testing.assert_array_equal(seen["lidar"][lane], expected)
         seen, true = env.step(np.full((4, 2), 0.2))[0], clean.step(np.full((4, 2), 0.2))[0]
