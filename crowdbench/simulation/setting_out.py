@@ -70,5 +70,5 @@ def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
     people["next_goal"], people["intent"] = people["goal"], KEEP
     people["switch_time"] = people["deadline"] = np.inf
     people["velocity"] = tracks.velocity(0)
-    people["present"] = np.isfinite(tracks.at(0)[:, 0])
+    people["present"], people["held"] = np.isfinite(tracks.at(0)[:, 0]), False
     people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]
