@@ -70,14 +70,11 @@ class Tracks:
         """
         # Not one more where periods do not add up to it: rows are counted for that time.
         steps = math.floor((duration + AHEAD) / period + 1e-9) + 1
+        step, there = recording.at_times(begin + np.arange(steps) * period)
+        _, first, track = np.unique(there.tracks, return_index=True, return_inverse=True)
+        row = np.argsort(np.argsort(first))  # of each track, by when it appears
         position = np.full((steps, rows, 2), np.nan)
-        row_of: dict[int, int] = {}
-        for step in range(steps):
-            present = recording.at(begin + step * period)
-            for track, place in zip(
-                present.tracks.tolist(), present.positions - origin, strict=True
-            ):
-                position[step, row_of.setdefault(track, len(row_of))] = place
+        position[step, row[track]] = there.positions - origin
         return cls(position, period, begin)
 
     def at(self, step: int) -> NDArray[np.float64]:
