@@ -39,6 +39,8 @@ _CALLED = (
     "cpShapeGetUserData",
     "cpShapeGetBody",
     "cpSpaceReindexShapesForBody",
+    "cpSpaceAddBody",
+    "cpSpaceRemoveBody",
 )
 (
     STEP,
@@ -53,6 +55,8 @@ _CALLED = (
     _GET_LABEL,
     _GET_BODY,
     REINDEX,
+    ADD_BODY,
+    REMOVE_BODY,
 ) = range(len(_CALLED))
 
 
@@ -137,8 +141,8 @@ def _two_pointers(context: Any, function: Any, item: Any) -> Any:
 
 
 @intrinsic
-def reindex(context: Any, function: Any, space: Any, body: Any) -> Any:
-    """Call ``void f(void *, void *)``."""
+def pass_body(context: Any, function: Any, space: Any, body: Any) -> Any:
+    """Call ``void f(cpSpace *, cpBody *)``."""
 
     def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         _call(builder, ir.VoidType(), values)
@@ -261,6 +265,10 @@ class Bodies:
         robots = len(self._bodies) - len(velocities)
         for body, velocity in zip(self._bodies[robots:], velocities, strict=True):
             lib.cpBodySetVelocity(body, velocity)
+
+    def keep_still(self, person: int) -> None:
+        """Leave a pedestrian out of physics steps; contacts depend on its shape, which stays."""
+        lib.cpSpaceRemoveBody(self._space, self._bodies[len(self.contacts) + person])
 
     def drive(self, robot: int, x: float, y: float, turn_rate: float) -> None:
         """Give a robot its velocity [m/s] and turn rate [rad/s]."""

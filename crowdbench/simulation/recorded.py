@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.scenario.recorded import AHEAD
-from crowdbench.simulation.chipmunk import REINDEX, SET_POSITION, numbers_at, reindex, set_vector
+from crowdbench.simulation.chipmunk import (
+    ADD_BODY,
+    REINDEX,
+    REMOVE_BODY,
+    SET_POSITION,
+    numbers_at,
+    pass_body,
+    set_vector,
+)
 from crowdbench.simulation.orca import NEIGHBOUR_DISTANCE, orca_velocities
 from crowdbench.simulation.pedestrians import look
 
@@ -223,7 +231,8 @@ def come_and_go(
             person.position[0], person.position[1] = x, y
             person.velocity[0], person.velocity[1] = vx, vy
             set_vector(calls[SET_POSITION], person.body, x, y)
-            reindex(calls[REINDEX], world.space, person.body)
+            pass_body(calls[REINDEX], world.space, person.body)
+            pass_body(calls[ADD_BODY if there else REMOVE_BODY], world.space, person.body)
 
 
 @compiled(inline="always")

@@ -119,6 +119,9 @@ class Worlds:
         if layout.tracks is not None:  # the episode keeps them
             state.worlds["tracks"][lane] = layout.tracks.position.ctypes.data
             state.worlds["moments"][lane] = len(layout.tracks.position)
+            people = state.people[lane, : scenario.pedestrians.count]
+            for p in np.flatnonzero(~people["present"]).tolist():
+                bodies.keep_still(p)
         state.robots["body"][lane] = bodies.addresses[: state.robots.shape[1]]
         state.people["body"][lane, : scenario.pedestrians.count] = bodies.addresses[
             state.robots.shape[1] :
