@@ -81,9 +81,9 @@ def place_crossing(scenario: Scenario, seed: int, places: Places | None) -> Layo
         if drawn is None:
             continue
         moments = np.arange(begin, begin + needed, _BLINK)
-        moment, there = recording.at_times(moments)
+        moment, present = recording.at_times(moments)
         ends = np.searchsorted(moment, np.arange(1, len(moments)))
-        around = np.split(there.positions - centre, ends)
+        around = np.split(present.positions - centre, ends)
         if problem := _unfit(drawn, scenario, people, around):
             continue
         tracks = Tracks.of(

@@ -78,7 +78,7 @@ class Tracks:
         """
         # Not one more where periods do not add up to it: rows are counted for that time.
         steps = math.floor((duration + AHEAD) / period + 1e-9) + 1
-        step, there = recording.at_times(begin + np.arange(steps) * period)
+        step, there = recording.at_times(begin + np.arange(steps, dtype=np.float64) * period)
         _, first, track = np.unique(there.tracks, return_index=True, return_inverse=True)
         row = np.argsort(np.argsort(first))  # of each track, by when it appears
         position = np.full((steps, rows, 2), np.nan)
@@ -228,11 +228,17 @@ def come_and_go(
                     vx = (tracks[step + 1, p, 0] - x) / world.period
                     vy = (tracks[step + 1, p, 1] - y) / world.period
             person.present = there
-            person.position[0], person.position[1] = x, y
             person.velocity[0], person.velocity[1] = vx, vy
-            set_vector(calls[SET_POSITION], person.body, x, y)
-            pass_body(calls[REINDEX], world.space, person.body)
-            pass_body(calls[ADD_BODY if there else REMOVE_BODY], world.space, person.body)
+            _put(person, x, y, world.space, calls)
+
+
+@compiled(inline="always")
+def _put(person, x, y, space, calls):  # type: ignore[no-untyped-def]
+    """Put somebody who has appeared or left where it is from now on."""
+    person.position[0], person.position[1] = x, y
+    set_vector(calls[SET_POSITION], person.body, x, y)
+    pass_body(calls[REINDEX], space, person.body)
+    pass_body(calls[ADD_BODY if person.present else REMOVE_BODY], space, person.body)
 
 
 @compiled(inline="always")
