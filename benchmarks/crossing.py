@@ -1,6 +1,7 @@
 """Crossing recorded people: how often robots arrive, and what that costs the people.
 
     python benchmarks/crossing.py FOLDER [--episodes 100] [--page docs/people.md]
+    python benchmarks/crossing.py FOLDER --cost
 
 FOLDER has the recordings named in ``RECORDINGS``. In each of them a robot drives 5 m across the
 main direction of the people, of whom ``REACTIVE`` evade it: nearly everybody who sees a robot does,
@@ -11,13 +12,18 @@ A recording lasts one to two minutes, and episodes that begin at about the same 
 people. So intervals (95 %) draw blocks of the recording anew, with all episodes that begin in
 them. A block is ``BLOCK`` long, about as long as a crossing takes: people of one have left
 the robot's way by the next.
+
+``--cost`` prints instead how many people are there in the first 10 s and in all, what a step costs
+[us], and its ratio to a step with as many people who walk by ORCA: as are there, and in all.
+Processor time without resets, taken in turns.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +33,14 @@ from numpy.typing import ArrayLike, NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from crowdbench import AgentError, AgentSpec, Scenario, ScenarioError, load_scenario
+from crowdbench import (
+    AgentError,
+    AgentSpec,
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    parallel_env,
+)
 from crowdbench.evaluation.results import ResultsStore
 from crowdbench.evaluation.runner import IncompleteError, Task, run
 from crowdbench.evaluation.statistics import wilson_interval
@@ -60,6 +73,8 @@ COLUMNS = {
     "displacement": ("displacement [mm]", 1000, 1),
 }
 """Metrics with their heading, factor and digits."""
+STEPS, ROUNDS = 400, 9
+"""Of ``--cost``."""
 BEGIN, END = "<!-- crossing: begin -->", "<!-- crossing: end -->"
 """Around the tables in a page."""
 
@@ -202,6 +217,52 @@ def drive(
     return found
 
 
+def stepping(scenario: Scenario) -> Callable[[], float]:
+    """Return a function that takes ``STEPS`` steps: processor time of one [us]."""
+    env = parallel_env(scenario)
+    env.reset(seed=900_000)
+    actions = np.random.default_rng(0).uniform([0, -1.5], [1, 1.5], (STEPS, 2))
+
+    def run() -> float:
+        spent = 0.0
+        for action in actions:
+            if not env.agents:
+                env.reset()
+            begin = time.process_time()
+            env.step({"robot_0": action})
+            spent += time.process_time() - begin
+        return 1e6 * spent / STEPS
+
+    return run
+
+
+def by_orca(scenario: Scenario, count: int) -> Scenario:
+    """As many people who walk by ORCA, in the same area, or where each has 1 m²."""
+    sides = np.array([scenario.arena.length, scenario.arena.width])
+    length, width = (sides * max(1.0, np.sqrt(count / sides.prod()))).tolist()
+    return load_scenario(
+        "open",
+        time_limit=scenario.time_limit,
+        arena={"length": length, "width": width},
+        robots={"travel": 5},
+        pedestrians={"count": count, "reactive": REACTIVE, "spawn_clearance": 0.5},
+    )
+
+
+def cost(title: str, scenario: Scenario) -> str:
+    """The row of a recording in the table of ``--cost``."""
+    count, early = scenario.pedestrians.count, round(10.0 / scenario.control_period)
+    tracks = [place(scenario, seed).tracks for seed in range(900_000, 900_010)]
+    finite = [np.isfinite(each.position[:early, :, 0]) for each in tracks if each is not None]
+    there = round(count * float(np.mean(finite)))
+    twins = [by_orca(scenario, number) for number in (there, count)]
+    takers = [stepping(each) for each in (scenario, *twins)]
+    rounds = np.array([[take() for take in takers] for _ in range(ROUNDS + 1)])[1:]
+    some, everybody = np.median(rounds[:, :1] / rounds[:, 1:], axis=0)
+    spent = np.median(rounds[:, 0])
+    return f"| {title} | {there} | {count} | {spent:.0f} | {some:.2f} | {everybody:.2f} |"
+
+
 def insert(page: Path, text: str) -> None:
     """Put text between the marks of a page."""
     head, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
@@ -219,7 +280,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--results", type=Path, default=Path("build/crossing"))
-    parser.add_argument("--page", type=Path)
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("--page", type=Path)
+    output.add_argument("--cost", action="store_true")
     options = parser.parse_args()
     if options.episodes < 1:
         parser.error(f"--episodes: {options.episodes}; allowed: 1 or more")
@@ -235,6 +298,8 @@ def main() -> None:
 
 def _tables(options: argparse.Namespace) -> str:
     scenarios = [crossing(options.folder / file, given) for file, given in RECORDINGS.values()]
+    if options.cost:
+        return "\n".join(map(cost, RECORDINGS, scenarios))
     agents = list(dict.fromkeys([CEILING, *options.agents]))
     rows = drive(scenarios, agents, options.episodes, options.results, options.jobs)
     tables = [

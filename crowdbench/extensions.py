@@ -27,7 +27,7 @@ WALKING_MODELS: ClassRegistry[Any] = ClassRegistry(
     "crowdbench.walking_models",
     {
         "orca": "crowdbench.simulation.walking:Orca",
-        "recorded": "crowdbench.simulation.recorded:Recorded",
+        "recorded": "crowdbench.simulation.walking:Recorded",
         "social_force": "crowdbench.simulation.walking:SocialForce",
         "straight": "crowdbench.simulation.walking:Straight",
     },

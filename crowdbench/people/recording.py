@@ -102,15 +102,27 @@ class CrowdRecording:
         Args:
             time: [s]; nobody is there before 0 or after ``duration``.
         """
-        there = (self.begins <= time + _ROUNDING) & (time - _ROUNDING <= self.ends)
-        tracks = np.flatnonzero(there)
+        return self.at_times(np.array([time]))[1]
+
+    def at_times(self, times: FloatArray) -> tuple[IntArray, Present]:
+        """Who is there at several times, as ``at`` says it of one.
+
+        Args:
+            times: (T,) [s].
+
+        Returns:
+            Which of the times each row is of, (M,) ascending, and the rows.
+        """
+        earliest, latest = times[:, None] + _ROUNDING, times[:, None] - _ROUNDING
+        which, tracks = np.nonzero((self.begins <= earliest) & (latest <= self.ends))
+        time = times[which]
         after = np.searchsorted(self._keys, time + tracks * self._stride, side="right")
         # Neither rounding in the keys nor the last position of all leads into the next track.
         row = np.clip(after - 1, self.starts[tracks], self.starts[tracks + 1] - 2)
         before = self.times[row]
         share = np.clip((time - before) / (self.times[row + 1] - before), 0.0, 1.0)[:, None]
         positions = (1 - share) * self.positions[row] + share * self.positions[row + 1]
-        return Present(tracks, positions)
+        return which, Present(tracks, positions)
 
     @cached_property
     def _stride(self) -> float:

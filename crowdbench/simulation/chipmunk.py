@@ -38,6 +38,9 @@ _CALLED = (
     "cpArbiterGetNormal",
     "cpShapeGetUserData",
     "cpShapeGetBody",
+    "cpSpaceReindexShapesForBody",
+    "cpSpaceAddBody",
+    "cpSpaceRemoveBody",
 )
 (
     STEP,
@@ -51,6 +54,9 @@ _CALLED = (
     _GET_NORMAL,
     _GET_LABEL,
     _GET_BODY,
+    REINDEX,
+    ADD_BODY,
+    REMOVE_BODY,
 ) = range(len(_CALLED))
 
 
@@ -135,7 +141,18 @@ def _two_pointers(context: Any, function: Any, item: Any) -> Any:
 
 
 @intrinsic
-def _numbers_at(context: Any, address: Any) -> Any:
+def pass_body(context: Any, function: Any, space: Any, body: Any) -> Any:
+    """Call ``void f(cpSpace *, cpBody *)``."""
+
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        _call(builder, ir.VoidType(), values)
+        return context.get_dummy_value()
+
+    return types.void(types.uintp, types.uintp, types.uintp), generate
+
+
+@intrinsic
+def numbers_at(context: Any, address: Any) -> Any:
     """A pointer to doubles, of an address."""
     result = types.CPointer(types.float64)
 
@@ -149,7 +166,7 @@ def _numbers_at(context: Any, address: Any) -> Any:
 def _touch(arbiter, _space, hook):  # type: ignore[no-untyped-def]
     """Record the first thing each robot touches, when Chipmunk says that two shapes meet."""
     calls = carray(hook, (len(_CALLED) + 1,))
-    contacts = carray(_numbers_at(calls[len(_CALLED)]), (_MOST_ROBOTS, CONTACT))
+    contacts = carray(numbers_at(calls[len(_CALLED)]), (_MOST_ROBOTS, CONTACT))
     first, second = _two_pointers(calls[_GET_SHAPES], arbiter)
     # Chipmunk's normal points from the first shape to the second.
     x, y = vector_of(calls[_GET_NORMAL], arbiter)
@@ -249,11 +266,9 @@ class Bodies:
         for body, velocity in zip(self._bodies[robots:], velocities, strict=True):
             lib.cpBodySetVelocity(body, velocity)
 
-    def place(self, person: int, x: float, y: float) -> None:
-        """Put a pedestrian elsewhere [m]."""
-        body = self._bodies[len(self.contacts) + person]
-        lib.cpBodySetPosition(body, (x, y))
-        lib.cpSpaceReindexShapesForBody(self._space, body)
+    def keep_still(self, person: int) -> None:
+        """Leave a pedestrian out of physics steps; contacts depend on its shape, which stays."""
+        lib.cpSpaceRemoveBody(self._space, self._bodies[len(self.contacts) + person])
 
     def drive(self, robot: int, x: float, y: float, turn_rate: float) -> None:
         """Give a robot its velocity [m/s] and turn rate [rad/s]."""

@@ -81,8 +81,10 @@ def place_crossing(scenario: Scenario, seed: int, places: Places | None) -> Layo
             drawn = _free(scenario, rng, people, _axis(scenario, recording), walls)
         if drawn is None:
             continue
-        moments = np.arange(begin, begin + needed, _BLINK).tolist()
-        around = [recording.at(moment).positions - centre for moment in moments]
+        moments = np.arange(begin, begin + needed, _BLINK)
+        moment, present = recording.at_times(moments)
+        ends = np.searchsorted(moment, np.arange(1, len(moments)))
+        around = np.split(present.positions - centre, ends)
         if problem := _unfit(drawn, scenario, people, around):
             continue
         tracks = Tracks.of(

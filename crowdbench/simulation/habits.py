@@ -23,6 +23,7 @@ from crowdbench.simulation.lanes import State
 from crowdbench.simulation.layout import Layout
 from crowdbench.simulation.motion import limit_changes
 from crowdbench.simulation.queues import begin_queues, queue_up
+from crowdbench.simulation.recorded import come_and_go, look_around
 from crowdbench.simulation.traits import smallest
 
 Lanes = NDArray[np.int64]
@@ -144,6 +145,10 @@ def _plan_stop(person, world):  # type: ignore[no-untyped-def]
 
 BEFORE_LEGS: Sequence[Habit] = (
     Habit(
+        lambda people: people.model == "recorded",
+        lambda lanes, s: look_around(lanes, s.worlds, s.robots, s.people, s.sees),
+    ),
+    Habit(
         lambda people: len(people.queues) > 0,
         lambda lanes, s: queue_up(lanes, s.worlds, s.people, s.queues),
     ),
@@ -174,6 +179,13 @@ AFTER_CHOICE: Sequence[Habit] = (
     ),
 )
 """Those of the time before people move."""
+AFTER_MOTION: Sequence[Habit] = (
+    Habit(
+        lambda people: people.model == "recorded",
+        lambda lanes, s: come_and_go(lanes, s.worlds, s.robots, s.people, FUNCTIONS),
+    ),
+)
+"""Those of the end of a control period."""
 
 
 class HabitLanes:
@@ -181,7 +193,7 @@ class HabitLanes:
 
     def __init__(self, lanes: int) -> None:
         """No lane has any."""
-        habits = (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE)
+        habits = (*BEFORE_LEGS, *BEFORE_CHOICE, *AFTER_CHOICE, *AFTER_MOTION)
         self._has = {habit: np.zeros(lanes, dtype=np.bool_) for habit in habits}
         self._found: set[Habit] = set()
 

@@ -90,6 +90,8 @@ WORLD = np.dtype(
         ("space", _ADDRESS),  # where Chipmunk keeps it
         ("steps", _WHOLE),  # physics steps of this control period
         ("bias", _REAL),  # share of an overlap that is left after a second
+        ("tracks", _ADDRESS),  # of recorded people, (moments, people, 2), see Tracks
+        ("moments", _WHOLE),  # control periods that these know
     ],
     align=True,
 )
@@ -130,6 +132,7 @@ PERSON = np.dtype(
         ("switch_time", _REAL),  # when the leg is interrupted, inf when it is kept
         ("deadline", _REAL),  # when the leg is given up
         ("present", _FLAG),  # in the scene; others are kept far away from it
+        ("held", _FLAG),  # could not appear, at least once, since a robot was in the way
         ("reactive", _FLAG),  # sees the robots
         ("preferred", _REAL, 2),  # velocity if nobody was in the way
         ("chosen", _REAL, 2),  # velocity for this control period

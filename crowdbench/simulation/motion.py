@@ -108,7 +108,9 @@ def _advance(world, robots, people, calls):  # type: ignore[no-untyped-def]
     """Take all physics steps of a lane's control period, and read where everybody is."""
     set_number(calls[SET_BIAS], world.space, world.bias)
     for p in range(world.people):
-        set_vector(calls[SET_VELOCITY], people[p].body, people[p].chosen[0], people[p].chosen[1])
+        person = people[p]
+        if person.present:
+            set_vector(calls[SET_VELOCITY], person.body, person.chosen[0], person.chosen[1])
     duration = world.period / world.steps
     for _ in range(world.steps):
         for r in range(len(robots)):
@@ -130,5 +132,6 @@ def _advance(world, robots, people, calls):  # type: ignore[no-untyped-def]
         robot.world_velocity[0], robot.world_velocity[1] = speed * x, speed * y
     for p in range(world.people):
         person = people[p]
-        person.position[0], person.position[1] = vector_of(calls[GET_POSITION], person.body)
-        person.velocity[0], person.velocity[1] = vector_of(calls[GET_VELOCITY], person.body)
+        if person.present:
+            person.position[0], person.position[1] = vector_of(calls[GET_POSITION], person.body)
+            person.velocity[0], person.velocity[1] = vector_of(calls[GET_VELOCITY], person.body)

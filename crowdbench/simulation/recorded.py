@@ -14,17 +14,30 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import carray
 from numpy.typing import NDArray
 
+from crowdbench.compiled import compiled
 from crowdbench.scenario.recorded import AHEAD
+from crowdbench.simulation.chipmunk import (
+    ADD_BODY,
+    REINDEX,
+    REMOVE_BODY,
+    SET_POSITION,
+    numbers_at,
+    pass_body,
+    set_vector,
+)
 from crowdbench.simulation.orca import NEIGHBOUR_DISTANCE, orca_velocities
-from crowdbench.simulation.walking import Crowd, WalkingModel
+from crowdbench.simulation.pedestrians import look
 
 if TYPE_CHECKING:
     from crowdbench.people import CrowdRecording
 
 CATCH_UP = 0.5
 """By how much those who have left their way may exceed their recorded speed [m/s]."""
+_OFF = 1e-6
+"""Who is farther from it than this along either axis has left the way [m]."""
 _AWAY, _APART = 10_000.0, 10.0
 """Where people are kept who are not there, and how far from each other [m]."""
 
@@ -65,14 +78,11 @@ class Tracks:
         """
         # Not one more where periods do not add up to it: rows are counted for that time.
         steps = math.floor((duration + AHEAD) / period + 1e-9) + 1
+        step, there = recording.at_times(begin + np.arange(steps, dtype=np.float64) * period)
+        _, first, track = np.unique(there.tracks, return_index=True, return_inverse=True)
+        row = np.argsort(np.argsort(first))  # of each track, by when it appears
         position = np.full((steps, rows, 2), np.nan)
-        row_of: dict[int, int] = {}
-        for step in range(steps):
-            present = recording.at(begin + step * period)
-            for track, place in zip(
-                present.tracks.tolist(), present.positions - origin, strict=True
-            ):
-                position[step, row_of.setdefault(track, len(row_of))] = place
+        position[step, row[track]] = there.positions - origin
         return cls(position, period, begin)
 
     def at(self, step: int) -> NDArray[np.float64]:
@@ -118,90 +128,164 @@ def distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.floa
     return apart
 
 
-class Recorded(WalkingModel):
-    """Walks by ``tracks``, which the world sets when the episode begins.
+@compiled()
+def look_around(
+    lanes: NDArray[np.int64],
+    worlds: NDArray[np.void],
+    robots: NDArray[np.void],
+    people: NDArray[np.void],
+    sees: NDArray[np.bool_],
+) -> None:
+    """What precedes the choice of recorded people, who have no legs: they turn their heads.
 
-    Attributes:
-        tracks: of the people.
-        held: (P,) who could not appear, at least once, since a robot was in the way.
+    Args:
+        lanes: (M,) which.
+        worlds, robots, people, sees: of all lanes, see ``State``.
     """
-
-    tracks: Tracks
-    held: NDArray[np.bool_]
-
-    def follow(self, tracks: Tracks) -> None:
-        """Begin an episode."""
-        self.tracks = tracks
-        self.held = np.zeros(tracks.position.shape[1], dtype=np.bool_)
-
-    def present(
-        self,
-        before: NDArray[np.bool_],
-        reach: NDArray[np.float64],
-        robots: NDArray[np.float64],
-        step: int,
-    ) -> NDArray[np.bool_]:
-        """(P,) who is there in a control period.
-
-        Whoever would appear on top of a robot is held back until it has gone on.
-
-        Args:
-            before: (P,) who is there so far.
-            reach: (P,) distance to a robot at which they touch [m].
-            robots: (A, 2) places of those that are still in the scene [m].
-            step: the control period.
-        """
-        places = self.tracks.at(step)
-        there = np.isfinite(places[:, 0])
-        if len(robots):
-            gaps = distances(places, robots).min(axis=1)
-            blocked = there & ~before & (gaps <= reach)
-            self.held |= blocked
-            there &= ~blocked
-        return there
-
-    def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
-        """Lead everybody to where the recording has them next."""
-        step = round(time / crowd.period)
-        velocities = self.tracks.velocity(step)
-        places, following = self.tracks.at(step), self.tracks.at(step + 1)
-        moving = crowd.present & np.isfinite(following[:, 0])
-        wanted = np.where(moving[:, None], (following - crowd.position) / crowd.period, 0.0)
-        speed = np.sqrt((velocities * velocities).sum(axis=1))
-        off = moving & (np.abs(crowd.position - places).max(axis=1) > 1e-6)
-        for p in np.flatnonzero(off).tolist():
-            wanted[p] = _at_most(wanted[p], speed[p] + CATCH_UP)
-        near = distances(crowd.position, crowd.robot_position) <= NEIGHBOUR_DISTANCE
-        for p in np.flatnonzero(moving & (crowd.sees_robot & near).any(axis=1)).tolist():
-            wanted[p] = _evading(crowd, p, wanted[p], max(speed[p], CATCH_UP) + CATCH_UP)
-        return wanted
+    for i in range(len(lanes)):
+        look(worlds[lanes[i]], robots[lanes[i]], people[lanes[i]], sees[lanes[i]])
 
 
-def _at_most(velocity: NDArray[np.float64], speed: float) -> NDArray[np.float64]:
-    """The same direction, no faster [m/s]."""
-    pace = math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
-    return velocity * (speed / pace) if pace > speed else velocity
+@compiled()
+def walk_as_recorded(lanes, worlds, robots, people, obstacles, walls, sees):  # type: ignore[no-untyped-def]
+    """Choose velocities that lead everybody to where the recording has them next."""
+    number = robots.shape[1]
+    robot_position, robot_velocity = np.empty((number, 2)), np.empty((number, 2))
+    position, velocity, wanted = np.empty((1, 2)), np.empty((1, 2)), np.empty((1, 2))
+    fastest, radius, chosen = np.empty(1), np.empty(1), np.empty((1, 2))
+    for i in range(len(lanes)):
+        lane = lanes[i]
+        world = worlds[lane]
+        tracks, step = _tracks_of(world), _step_of(world)
+        for r in range(number):
+            robot = robots[lane, r]
+            for axis in range(2):
+                robot_position[r, axis] = robot.pose[axis]
+                robot_velocity[r, axis] = robot.world_velocity[axis]
+        for p in range(world.people):
+            person = people[lane, p]
+            chosen[0, 0], chosen[0, 1] = 0.0, 0.0
+            if person.present and _is_there(tracks, step + 1, p):
+                x, y, speed = _lead(person.position, tracks[step, p], tracks[step + 1, p], world)
+                chosen[0, 0], chosen[0, 1] = x, y
+                if _evades(person.position, robot_position, sees[lane, p]):
+                    for axis in range(2):
+                        position[0, axis] = person.position[axis]
+                        velocity[0, axis] = person.velocity[axis]
+                        wanted[0, axis] = chosen[0, axis]
+                    fastest[0], radius[0] = max(speed, CATCH_UP) + CATCH_UP, person.radius
+                    orca_velocities(
+                        position,
+                        velocity,
+                        wanted,
+                        fastest,
+                        radius,
+                        sees[lane, p : p + 1],
+                        robot_position,
+                        robot_velocity,
+                        world.robot_radius,
+                        world.responsibility,
+                        obstacles[lane, : world.obstacles],
+                        walls[lane, : world.walls],
+                        world.period,
+                        chosen,
+                    )
+            person.chosen[0], person.chosen[1] = chosen[0, 0], chosen[0, 1]
 
 
-def _evading(
-    crowd: Crowd, p: int, wanted: NDArray[np.float64], fastest: float
-) -> NDArray[np.float64]:
-    """(2,) velocity of person ``p`` by ORCA against robots and walls [m/s]."""
-    one, out = slice(p, p + 1), np.empty((1, 2))
-    orca_velocities(
-        crowd.position[one],
-        crowd.velocity[one],
-        wanted[None],
-        np.array([fastest]),
-        crowd.radius[one],
-        crowd.sees_robot[one],
-        crowd.robot_position,
-        crowd.robot_velocity,
-        crowd.robot_radius,
-        crowd.responsibility,
-        crowd.obstacles,
-        crowd.walls,
-        crowd.period,
-        out,
-    )
-    return out[0]
+@compiled()
+def come_and_go(
+    lanes: NDArray[np.int64],
+    worlds: NDArray[np.void],
+    robots: NDArray[np.void],
+    people: NDArray[np.void],
+    calls: NDArray[np.uint64],
+) -> None:
+    """Let recorded people appear and leave, at the end of a control period.
+
+    Whoever would appear on top of a robot is held back until it has gone on.
+
+    Args:
+        lanes: (M,) which.
+        worlds, robots, people: of all lanes, see ``State``.
+        calls: Chipmunk's functions.
+    """
+    for i in range(len(lanes)):
+        world = worlds[lanes[i]]
+        tracks, step = _tracks_of(world), _step_of(world)
+        for p in range(world.people):
+            person = people[lanes[i], p]
+            there = _is_there(tracks, step, p)
+            if there == person.present:
+                continue
+            x, y, vx, vy = _AWAY + _APART * p, _AWAY, 0.0, 0.0
+            if there:
+                x, y = tracks[step, p, 0], tracks[step, p, 1]
+                if _is_blocked(x, y, world.robot_radius + person.radius, robots[lanes[i]]):
+                    person.held = True
+                    continue
+                if _is_there(tracks, step + 1, p):
+                    vx = (tracks[step + 1, p, 0] - x) / world.period
+                    vy = (tracks[step + 1, p, 1] - y) / world.period
+            person.present = there
+            person.velocity[0], person.velocity[1] = vx, vy
+            _put(person, x, y, world.space, calls)
+
+
+@compiled(inline="always")
+def _put(person, x, y, space, calls):  # type: ignore[no-untyped-def]
+    """Put somebody who has appeared or left where it is from now on."""
+    person.position[0], person.position[1] = x, y
+    set_vector(calls[SET_POSITION], person.body, x, y)
+    pass_body(calls[REINDEX], space, person.body)
+    pass_body(calls[ADD_BODY if person.present else REMOVE_BODY], space, person.body)
+
+
+@compiled(inline="always")
+def _tracks_of(world):  # type: ignore[no-untyped-def]
+    """(T, P, 2) where the people of a lane are in its control periods."""
+    return carray(numbers_at(world.tracks), (world.moments, world.people, 2))
+
+
+@compiled(inline="always")
+def _step_of(world):  # type: ignore[no-untyped-def]
+    """The present control period."""
+    return np.int64(world.time / world.period + 0.5)
+
+
+@compiled(inline="always")
+def _is_there(tracks, step, p):  # type: ignore[no-untyped-def]
+    return step < len(tracks) and not math.isnan(tracks[step, p, 0])
+
+
+@compiled(inline="always")
+def _lead(position, place, following, world):  # type: ignore[no-untyped-def]
+    """Velocity to where somebody is to be next, and the speed recorded there: (x, y, speed)."""
+    ux, uy = (following[0] - place[0]) / world.period, (following[1] - place[1]) / world.period
+    speed = math.sqrt(ux * ux + uy * uy)
+    x, y = (following[0] - position[0]) / world.period, (following[1] - position[1]) / world.period
+    pace = math.sqrt(x * x + y * y)
+    off = max(abs(position[0] - place[0]), abs(position[1] - place[1])) > _OFF
+    if off and pace > speed + CATCH_UP:
+        x, y = x * ((speed + CATCH_UP) / pace), y * ((speed + CATCH_UP) / pace)
+    return x, y, speed
+
+
+@compiled(inline="always")
+def _evades(position, robot_position, sees):  # type: ignore[no-untyped-def]
+    """Whether somebody sees a robot that is near."""
+    for r in range(len(robot_position)):
+        x, y = position[0] - robot_position[r, 0], position[1] - robot_position[r, 1]
+        if sees[r] and math.sqrt(x * x + y * y) <= NEIGHBOUR_DISTANCE:
+            return True
+    return False
+
+
+@compiled(inline="always")
+def _is_blocked(x, y, reach, robots):  # type: ignore[no-untyped-def]
+    """Whether somebody at (x, y) would touch a robot that is in the scene."""
+    for r in range(len(robots)):
+        dx, dy = x - robots[r].pose[0], y - robots[r].pose[1]
+        if robots[r].active and math.sqrt(dx * dx + dy * dy) <= reach:
+            return True
+    return False

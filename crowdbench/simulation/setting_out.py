@@ -37,22 +37,23 @@ def set_out(
         routes: of the scenario, where people have any.
 
     Returns:
-        Where each person's later legs are drawn from.
+        Where each person's later legs are drawn from; nothing for recorded ones.
     """
     people = state.people[lane, : settings.count]
-    drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
-    draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
-    for row, stream in zip(draws, drawing, strict=True):
-        stream.random(out=row)
-    people["speed"] = preferred_speeds(settings, draws[:, 0])
     people["acceleration"] = settings.acceleration or np.inf
-    state.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
     people["drawn"] = 0
     people["present"], people["preferred"] = True, 0.0
     people["position"] = people["next_goal"] = layout.pedestrian_position
     people["reactive"] = layout.pedestrian_reactive
     people["radius"] = layout.traits.radius
+    drawing: list[np.random.Generator] = []
     if layout.tracks is None:
+        drawing = [streams.pedestrian(seed, p) for p in range(settings.count)]
+        draws = np.empty((settings.count, 1 + LEGS_AHEAD * DRAWS))
+        for row, stream in zip(draws, drawing, strict=True):
+            stream.random(out=row)
+        people["speed"] = preferred_speeds(settings, draws[:, 0])
+        state.draws[lane, : settings.count] = draws[:, 1:].reshape(-1, LEGS_AHEAD, DRAWS)
         legs.begin(lane, state, layout.pedestrian_stage, layout.traits.first, routes)
         ahead = legs.ways(lane, state, settings.count, routes)[:, 0] - people["position"]
         people["heading"] = headings = [math.atan2(y, x) for x, y in ahead.tolist()]
@@ -70,5 +71,5 @@ def _follow(people: NDArray[np.void], tracks: Tracks) -> None:
     people["next_goal"], people["intent"] = people["goal"], KEEP
     people["switch_time"] = people["deadline"] = np.inf
     people["velocity"] = tracks.velocity(0)
-    people["present"] = np.isfinite(tracks.at(0)[:, 0])
+    people["present"], people["held"] = np.isfinite(tracks.at(0)[:, 0]), False
     people["heading"] = [math.atan2(y, x) for x, y in people["velocity"].tolist()]

@@ -19,6 +19,7 @@ from crowdbench.extensions import WALKING_MODELS
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation.orca import orca_velocities
+from crowdbench.simulation.recorded import walk_as_recorded
 from crowdbench.simulation.social_force import social_force_velocities
 
 
@@ -146,6 +147,14 @@ class SocialForce(_Solved):
     """Social forces (``crowdbench.simulation.social_force``)."""
 
     solve = staticmethod(social_force_velocities)
+
+
+class Recorded(WalkingModel):
+    """As recorded (``crowdbench.simulation.recorded``): only lanes know the recording."""
+
+    def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
+        """Refuse to say: a crowd has no recording."""
+        raise NotImplementedError("recorded people walk in lanes")
 
 
 def make_walking_model(scenario: Scenario) -> WalkingModel:
@@ -284,4 +293,5 @@ _KERNELS: dict[type[WalkingModel], Callable[..., None]] = {
     Straight: _walk_straight,
     Orca: _walk_by_orca,
     SocialForce: _walk_by_social_force,
+    Recorded: walk_as_recorded,
 }

@@ -12,7 +12,6 @@ from crowdbench.scenario import Scenario
 from crowdbench.simulation.contact import Contact
 from crowdbench.simulation.layout import Layout
 from crowdbench.simulation.obstacle_map import MapGeometry
-from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.worlds import Worlds
 
 _LANE = np.zeros(1, dtype=np.int64)
@@ -159,11 +158,11 @@ class Lane:
     def recorded(self) -> dict[str, NDArray[Any]]:
         """What a recording says of the time to come, and who was held back; else nothing."""
         episode = self.worlds.episode(self._lane)
-        if not isinstance(episode.model, Recorded):
+        if episode.layout.tracks is None:
             return {}
         step = round(self.time / episode.prepared.scenario.control_period)
-        ahead, held = episode.model.tracks.ahead(step), episode.model.held.copy()
-        return {"recorded_ahead": ahead, "recorded_held": held}
+        held = self.worlds.state.people["held"][self._lane, : len(self.pedestrians.present)]
+        return {"recorded_ahead": episode.layout.tracks.ahead(step), "recorded_held": held.copy()}
 
     @property
     def ways(self) -> NDArray[np.float64]:

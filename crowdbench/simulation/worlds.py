@@ -18,13 +18,14 @@ from crowdbench.simulation.chipmunk import FUNCTIONS, Bodies
 from crowdbench.simulation.guidance import Guidance
 from crowdbench.simulation.habits import (
     AFTER_CHOICE,
+    AFTER_MOTION,
     BEFORE_CHOICE,
     BEFORE_LEGS,
     HabitLanes,
 )
 from crowdbench.simulation.kinematics import make_drive
 from crowdbench.simulation.lane_episode import Episode, Prepared
-from crowdbench.simulation.lane_people import come_and_go, crowd_of
+from crowdbench.simulation.lane_people import crowd_of
 from crowdbench.simulation.lanes import (
     DRAWS,
     LEGS_AHEAD,
@@ -39,7 +40,6 @@ from crowdbench.simulation.motion import move
 from crowdbench.simulation.obstacle_map import MapGeometry
 from crowdbench.simulation.odometry import DriftingOdometry
 from crowdbench.simulation.pedestrians import look
-from crowdbench.simulation.recorded import Recorded
 from crowdbench.simulation.reward import judge
 from crowdbench.simulation.routes import routes_of
 from crowdbench.simulation.sensing import DrawnMaps, ScanNoise, observe, outline
@@ -116,6 +116,12 @@ class Worlds:
             apart=layout.tracks is not None,
         )
         state.worlds["space"][lane] = bodies.space
+        if layout.tracks is not None:  # the episode keeps them
+            state.worlds["tracks"][lane] = layout.tracks.position.ctypes.data
+            state.worlds["moments"][lane] = len(layout.tracks.position)
+            people = state.people[lane, : scenario.pedestrians.count]
+            for p in np.flatnonzero(~people["present"]).tolist():
+                bodies.keep_still(p)
         state.robots["body"][lane] = bodies.addresses[: state.robots.shape[1]]
         state.people["body"][lane, : scenario.pedestrians.count] = bodies.addresses[
             state.robots.shape[1] :
@@ -129,15 +135,12 @@ class Worlds:
             self.drawn.reset(lane)
         before = self.episodes[lane]
         self._kernels[lane] = walking.kernel_of(model)
-        (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         self._habits.note(lane, scenario.pedestrians)
+        (self._recorded.add if layout.tracks else self._recorded.discard)(lane)
         (self._drifting.add if drifting else self._drifting.discard)(lane)
         self.episodes[lane] = Episode(prepared, seed, layout, bodies, model, drawing, drifting)
         if before is not None:
             before.bodies.free()
-        if isinstance(model, Recorded):
-            assert layout.tracks is not None
-            model.follow(layout.tracks)
         if self._kernels[lane] is None:
             look(state.worlds[lane], state.robots[lane], state.people[lane], state.sees[lane])
             model.reset(crowd_of(state, lane, self.episode(lane)), streams.walking(seed))
@@ -155,8 +158,11 @@ class Worlds:
         """
         s = self.state
         self._habits.act(BEFORE_LEGS, lanes, s)
-        routes = [self.episode(lane).prepared.routes for lane in lanes.tolist()]
-        if legs.choose_legs(lanes, s, routes):
+        on_legs = lanes
+        if self._recorded:
+            on_legs = lanes[[lane not in self._recorded for lane in lanes.tolist()]]
+        routes = [self.episode(lane).prepared.routes for lane in on_legs.tolist()]
+        if legs.choose_legs(on_legs, s, routes):
             self._draw()
         self._habits.act(BEFORE_CHOICE, lanes, s)
         kernels = [self._kernels[lane] for lane in lanes.tolist()]
@@ -189,8 +195,7 @@ class Worlds:
             physics(scenario, float(s.worlds["bias"][stuck]))
         for i in np.flatnonzero(s.worlds["drive"][lanes] == kinematics.OTHER).tolist():
             self._move_by_drive(int(lanes[i]), commands[i])
-        for lane in self._recorded.intersection(lanes.tolist()):
-            come_and_go(s, lane, self.episode(lane))
+        self._habits.act(AFTER_MOTION, lanes, s)
 
     def observe(self, lanes: Lanes) -> None:
         """Write what robots see, and how near the nearest thing is, into ``state``."""

@@ -43,6 +43,15 @@ def test_people_are_there_from_their_first_to_their_last_position(cleaned):
     assert recording.duration == pytest.approx(2.0)
 
 
+def test_several_times_are_asked_for_at_once(cleaned):
+    recording = cleaned([*walk(7, range(10, 21)), *walk(3, range(15, 31), y=1.0)])
+    which, there = recording.at_times(np.array([0.25, 3.0, 0.75]))
+    assert which.tolist() == [0, 2, 2]
+    assert recording.people[there.tracks].tolist() == [7, 3, 7]
+    assert there.positions == pytest.approx(np.array([[0.25, 0.0], [0.25, 1.0], [0.75, 0.0]]))
+    assert len(recording.at_times(np.array([3.0]))[0]) == 0
+
+
 ROWS = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 60)), min_size=8, unique=True)
 
 

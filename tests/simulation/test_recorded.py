@@ -14,9 +14,9 @@ from crowdbench.evaluation.resimulate import resimulate
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.people import read_recording
 from crowdbench.scenario.recorded import AHEAD, most_tracks
+from crowdbench.scenario.room import robot_radius
 from crowdbench.simulation.env import CrowdEnv
-from crowdbench.simulation.recorded import CATCH_UP, Recorded, Tracks
-from crowdbench.simulation.walking import Crowd
+from crowdbench.simulation.recorded import CATCH_UP, Tracks
 from crowdbench.simulation.world import World
 
 STANDING = {"robot_0": np.zeros(2)}
@@ -73,46 +73,52 @@ def test_people_come_and_go(recording):
     assert present.any(axis=1).all()
 
 
-def follower(position, robot, sees=True):
-    """Somebody who walks by a recording (T, P, 2), beside a robot that stands."""
-    model = Recorded()
-    model.follow(Tracks(position, 0.2, begin=0.0))
-    count = position.shape[1]
-
-    def crowd(places, velocity):
-        return Crowd(
-            position=places, velocity=velocity, heading=np.zeros(count), goal=position[-1],
-            preferred_speed=np.ones(count), preferred_velocity=velocity,
-            radius=np.full(count, 0.25),
-            present=np.ones(count, bool),
-            sees_robot=np.full((count, 1), sees), robot_position=np.array([robot], float),
-            robot_velocity=np.zeros((1, 2)), robot_radius=0.25, responsibility=1.0,
-            obstacles=np.empty((0, 3)), walls=np.empty((0, 4)), period=0.2,
-        )  # fmt: skip
-
-    return model, crowd
+def past_a_robot(recording, **changes):
+    """Somebody who walks along x at 1 m/s, and would walk through a robot at (0, 0.1)."""
+    lines = [f"1,{k / 5},{k / 5 - 8},0" for k in range(81)]
+    recording.write_text("\n".join(["id,time,x_m,y_m", *lines]))
+    ends = {"robots.start": [0.0, 0.1], "robots.goal": [0.0, 3.0]}
+    return World(crossing(recording, **ends, **changes), 3)
 
 
-def test_who_sees_a_robot_in_the_way_goes_around_it_and_comes_back():
-    track = np.column_stack([np.arange(80) * 0.2 - 6.0, np.zeros(80)])[:, None]
-    model, crowd = follower(track, robot=[0.0, 0.1])
-    place, velocity, fastest, gap = track[0].copy(), np.zeros((1, 2)), 0.0, np.inf
-    for step in range(78):
-        velocity = model.velocities(crowd(place.copy(), velocity), 0.2 * step)
-        place += 0.2 * velocity
-        fastest = max(fastest, np.linalg.norm(velocity))
-        gap = min(gap, np.linalg.norm(place - [0.0, 0.1]))
-    assert gap > 0.49  # the sum of the radii
-    assert fastest <= 1.0 + CATCH_UP + 1e-9
-    np.testing.assert_allclose(place[0], track[78, 0], atol=1e-6)
+def test_who_sees_a_robot_in_the_way_goes_around_it_and_comes_back(recording):
+    settings = {"reactive": 1.0, "responsibility": 1.0, "field_of_view": 360}
+    world = past_a_robot(recording, **{f"pedestrians.{key}": settings[key] for key in settings})
+    people, tracks = world.pedestrians, world.layout.tracks
+    aside, speeds = 0.0, []
+    last = np.isfinite(tracks.position[:, 0, 0]).sum() - 1
+    for _ in range(last):
+        world.step(np.zeros((1, 2)))
+        aside = max(aside, abs(people.position[0, 1]))
+        speeds.append(np.linalg.norm(people.chosen[0]))
+    assert not world.contacts
+    assert not world.recorded()["recorded_held"].any()
+    assert aside > 0.2
+    assert 1.2 < max(speeds) <= 1.0 + CATCH_UP + 1e-9
+    np.testing.assert_allclose(people.position, tracks.at(last), atol=1e-6)
 
 
-def test_who_does_not_see_it_walks_on():
-    track = np.column_stack([np.arange(40) * 0.2 - 4.0, np.zeros(40)])[:, None]
-    model, crowd = follower(track, robot=[0.0, 0.1], sees=False)
-    for step in range(39):
-        velocity = model.velocities(crowd(track[step].copy(), np.zeros((1, 2))), 0.2 * step)
-        np.testing.assert_allclose(velocity, [[1.0, 0.0]], atol=1e-9)
+def test_who_does_not_see_it_walks_on(recording):
+    world = past_a_robot(recording, **{"pedestrians.reactive": 0.0})
+    while world.pedestrians.position[0, 0] < -0.8:
+        world.step(np.zeros((1, 2)))
+        np.testing.assert_allclose(world.pedestrians.chosen, [[1.0, 0.0]], atol=1e-9)
+    for _ in range(3):
+        world.step(np.zeros((1, 2)))
+    assert world.contacts
+    # Who is there already stays, however near the robot is.
+    assert world.pedestrians.present.all()
+    assert not world.recorded()["recorded_held"].any()
+
+
+def test_who_has_been_pushed_off_the_way_comes_back_a_little_faster_than_recorded(recording):
+    world = past_a_robot(recording, **{"pedestrians.reactive": 0.0})
+    people, tracks = world.pedestrians, world.layout.tracks
+    people.position[0] -= [0.3, 0.4]
+    ahead = tracks.at(1)[0] - people.position[0]
+    world.step(np.zeros((1, 2)))
+    expected = (1.0 + CATCH_UP) * ahead / np.linalg.norm(ahead)
+    np.testing.assert_allclose(people.chosen[0], expected, atol=1e-9)
 
 
 def test_what_lies_ahead_is_what_comes(recording):
@@ -145,21 +151,28 @@ def test_lanes_and_stored_commands_give_the_same_episode(recording):
         np.testing.assert_array_equal(lanes.state(1)[key], value, err_msg=key)
 
 
-def test_nobody_appears_on_top_of_a_robot():
-    track = np.full((10, 2, 2), np.nan)
-    track[3:, 0] = [0.3, 0.0]
-    track[2:, 1] = [5.0, 0.0]
-    robot = np.zeros((1, 2))
-    model, _ = follower(track, robot[0])
-    absent, reach = np.zeros(2, bool), np.full(2, 0.5)
-    assert [model.present(absent, reach, robot, step).tolist() for step in (1, 2, 3)] == [
-        [False, False], [False, True], [False, True],
-    ]  # fmt: skip
-    assert model.held.tolist() == [True, False]
-    assert model.present(absent, reach, np.array([[0.0, 2.0]]), 4).all()
-    assert model.present(absent, reach, np.empty((0, 2)), 4).all()
-    # Who is there already stays, however near the robot is.
-    assert model.present(~absent, reach, robot, 4).all()
+def test_nobody_appears_on_top_of_a_robot(recording):
+    lines = [f"1,{k / 5},{k / 5 - 6},0" for k in range(61)]
+    lines += [f"2,{k / 5},0,{3 + k / 150}" for k in range(20, 61)]
+    recording.write_text("\n".join(["id,time,x_m,y_m", *lines]))
+    ends = {"robots.start": [0.0, 1.3], "robots.goal": [0.0, -1.7]}
+    scenario = crossing(recording, **ends, **{"pedestrians.reactive": 0.0})
+    world = World(scenario, 3)
+    tracks, radius = world.layout.tracks, robot_radius(scenario.robots)
+    before, waited = world.pedestrians.present.copy(), 0
+    for step in range(1, 40):
+        world.step(np.array([[1.0 if waited > 4 else 0.0, 0.0]]))
+        expected = np.isfinite(tracks.at(step)[:, 0])
+        gaps = np.linalg.norm(tracks.at(step) - world.pose[0, :2], axis=1)
+        kept = expected & ~before & (gaps <= radius + world.pedestrians.radius)
+        waited += kept.any()
+        np.testing.assert_array_equal(world.pedestrians.present, expected & ~kept)
+        before = world.pedestrians.present.copy()
+    assert waited > 4
+    assert world.recorded()["recorded_held"].tolist() == [False, True]
+    there = world.pedestrians.present
+    assert there.any()
+    np.testing.assert_allclose(world.pedestrians.position[there], tracks.at(39)[there], atol=1e-9)
 
 
 @pytest.mark.parametrize("leaves", [False, True])
