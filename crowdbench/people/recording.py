@@ -96,6 +96,11 @@ class CrowdRecording:
         """When each track ends, (T,) [s]."""
         return self.times[self.starts[1:] - 1]
 
+    @cached_property
+    def moments(self) -> FloatArray:
+        """At which somebody's position was recorded, ascending [s]."""
+        return np.unique(self.times)
+
     def at(self, time: float) -> Present:
         """Who is there at a time, between two positions on the line from one to the other.
 

@@ -72,7 +72,9 @@ def place_crossing(scenario: Scenario, seed: int, places: Places | None) -> Layo
         drawn = None if places is None else _given(places, rng)
         lengths = [scenario.robots.travel] if drawn is None else map(_length, drawn.ways)
         needed = min(scenario.time_limit, 2 * max(lengths) / speed)
-        begin = rng.uniform(0.0, max(0.0, recording.duration - needed))
+        latest = rng.uniform(0.0, max(0.0, recording.duration - needed))
+        # With a frame: in control periods that are frames people are exactly where they were.
+        begin = recording.moments[np.searchsorted(recording.moments, latest, side="right") - 1]
         rows = np.flatnonzero((recording.times >= begin) & (recording.times <= begin + needed))
         if not len(rows):
             continue

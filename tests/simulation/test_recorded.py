@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from crossings import crossing, walking
+from crossings import FPS, crossing, walking
 
 import crowdbench
 from crowdbench import ScenarioError, load_scenario
@@ -49,6 +49,23 @@ def test_nobody_walks_otherwise_than_recorded(recording, seed):
     for k, state in enumerate(states):
         expected = known.at(begin + 0.2 * k).positions - origin
         np.testing.assert_allclose(_there(state), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("period", [1 / FPS, 2 / FPS])
+def test_at_frames_people_are_where_the_file_has_them(recording, period):
+    """Its rows themselves."""
+    rows = np.loadtxt(recording, delimiter=",", skiprows=1)
+    env = CrowdEnv(crossing(recording, control_period=period, **{"pedestrians.reactive": 0.0}))
+    origin = (rows[:, 2:].min(axis=0) + rows[:, 2:].max(axis=0)) / 2
+    for seed in (1, 2):
+        states = list(steps(env, seed))
+        first = round(World(env.scenario, seed).layout.tracks.begin * FPS)
+        for k, state in enumerate(states):
+            frame = first + k * round(period * FPS)
+            expected = rows[np.rint(rows[:, 1] * FPS) == frame, 2:] - origin
+            found = _there(state)
+            assert len(found) == len(expected) > 0
+            np.testing.assert_allclose(sorted(found.tolist()), sorted(expected.tolist()), atol=1e-9)
 
 
 def test_nobody_is_followed_who_comes_after_the_time_that_rows_are_counted_for(recording):
