@@ -46,7 +46,7 @@ def test_alone_it_is_as_if_nothing_was_stored(folder, capsys):
     )
     assert "crowdbench run --scenario" in told(capsys, "replay", f"{SCENARIO}:straight_line:0")
     assert main(["recompute", "--results", "mine"]) == 0
-    assert "0 episodes simulated again" in capsys.readouterr().out
+    assert "no episode could be simulated again" in capsys.readouterr().out
 
 
 def test_beside_another_cell_it_is_missing(folder, capsys):

@@ -15,7 +15,7 @@ from crowdbench.evaluation.database import FILE, ResultsError
 from crowdbench.evaluation.joined import local_rows
 from crowdbench.evaluation.recordings import find_recordings
 from crowdbench.evaluation.stored import defined_scenario
-from crowdbench.scenario import load_scenario
+from crowdbench.scenario import ScenarioError, load_scenario
 from crowdbench.simulation.env import CrowdEnv
 from crowdbench.site import replay
 from crowdbench.site.replay import (
@@ -183,4 +183,5 @@ def test_a_scenario_is_found_only_as_it_was():
     assert defined_scenario(label, changed.digest, "") is None
     assert defined_scenario(label, changed.digest, changed.model_dump_json()) == changed
     assert defined_scenario(label, changed.digest, plain.model_dump_json()) is None
-    assert defined_scenario(label, changed.digest, "{}") is None
+    with pytest.raises(ScenarioError, match=r"@.{12}' cannot be made again: name: missing"):
+        defined_scenario(label, changed.digest, "{}")
