@@ -82,26 +82,22 @@ def _call(builder: Any, result: ir.Type, values: Any) -> Any:
     return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
 
 
+def _call_void(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+    """The code of a call that returns nothing."""
+    _call(builder, ir.VoidType(), values)
+    return context.get_dummy_value()
+
+
 @intrinsic
 def set_number(context: Any, function: Any, item: Any, number: Any) -> Any:
     """Call ``void f(void *, double)``."""
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        _call(builder, ir.VoidType(), values)
-        return context.get_dummy_value()
-
-    return types.void(types.uintp, types.uintp, types.float64), generate
+    return types.void(types.uintp, types.uintp, types.float64), _call_void
 
 
 @intrinsic
 def set_vector(context: Any, function: Any, item: Any, x: Any, y: Any) -> Any:
     """Call ``void f(void *, cpVect)``."""
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        _call(builder, ir.VoidType(), values)
-        return context.get_dummy_value()
-
-    return types.void(types.uintp, types.uintp, types.float64, types.float64), generate
+    return types.void(types.uintp, types.uintp, types.float64, types.float64), _call_void
 
 
 @intrinsic
@@ -143,12 +139,7 @@ def _two_pointers(context: Any, function: Any, item: Any) -> Any:
 @intrinsic
 def pass_body(context: Any, function: Any, space: Any, body: Any) -> Any:
     """Call ``void f(cpSpace *, cpBody *)``."""
-
-    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        _call(builder, ir.VoidType(), values)
-        return context.get_dummy_value()
-
-    return types.void(types.uintp, types.uintp, types.uintp), generate
+    return types.void(types.uintp, types.uintp, types.uintp), _call_void
 
 
 @intrinsic

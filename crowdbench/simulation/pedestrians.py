@@ -172,6 +172,15 @@ def look(world, robots, people, sees):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
+def read_robots(robots, position, velocity):  # type: ignore[no-untyped-def]
+    """Write where a lane's robots are and how they move in the world, as people take them."""
+    for r in range(len(robots)):
+        robot = robots[r]
+        position[r, 0], position[r, 1] = robot.pose[0], robot.pose[1]
+        velocity[r, 0], velocity[r, 1] = robot.world_velocity[0], robot.world_velocity[1]
+
+
+@compiled(inline="always")
 def preferred_velocity(x, y, speed, period):  # type: ignore[no-untyped-def]
     """Straight to a goal at (x, y) with ``speed``; nobody overshoots a goal within ``period``."""
     distance = math.hypot(x, y)

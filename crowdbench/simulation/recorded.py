@@ -29,7 +29,7 @@ from crowdbench.simulation.chipmunk import (
     set_vector,
 )
 from crowdbench.simulation.orca import NEIGHBOUR_DISTANCE, orca_velocities
-from crowdbench.simulation.pedestrians import look
+from crowdbench.simulation.pedestrians import look, read_robots
 
 if TYPE_CHECKING:
     from crowdbench.people import CrowdRecording
@@ -157,11 +157,7 @@ def walk_as_recorded(lanes, worlds, robots, people, obstacles, walls, sees):  # 
         lane = lanes[i]
         world = worlds[lane]
         tracks, step = _tracks_of(world), _step_of(world)
-        for r in range(number):
-            robot = robots[lane, r]
-            for axis in range(2):
-                robot_position[r, axis] = robot.pose[axis]
-                robot_velocity[r, axis] = robot.world_velocity[axis]
+        read_robots(robots[lane], robot_position, robot_velocity)
         for p in range(world.people):
             person = people[lane, p]
             chosen[0, 0], chosen[0, 1] = 0.0, 0.0

@@ -19,6 +19,7 @@ from crowdbench.extensions import WALKING_MODELS
 from crowdbench.registry import UnknownNameError
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.simulation.orca import orca_velocities
+from crowdbench.simulation.pedestrians import read_robots
 from crowdbench.simulation.recorded import walk_as_recorded
 from crowdbench.simulation.social_force import social_force_velocities
 
@@ -153,8 +154,15 @@ class Recorded(WalkingModel):
     """As recorded (``crowdbench.simulation.recorded``): only lanes know the recording."""
 
     def velocities(self, crowd: Crowd, time: float) -> NDArray[np.float64]:
-        """Refuse to say: a crowd has no recording."""
-        raise NotImplementedError("recorded people walk in lanes")
+        """Refuse to say: a crowd has no recording.
+
+        Raises:
+            ScenarioError: always; what ``walk_as_recorded`` does no crowd can.
+        """
+        raise ScenarioError(
+            "pedestrians.model 'recorded': no crowd can walk as recorded, only the simulation has "
+            "the recording"
+        )
 
 
 def make_walking_model(scenario: Scenario) -> WalkingModel:
@@ -214,7 +222,7 @@ def _walk_by_orca(lanes, worlds, robots, people, obstacles, walls, sees):  # typ
         world = worlds[lane]
         count = world.people
         _read_people(people[lane], count, position, velocity, preferred, speed, radius)
-        _read_robots(robots[lane], robot_position, robot_velocity)
+        read_robots(robots[lane], robot_position, robot_velocity)
         orca_velocities(
             position[:count],
             velocity[:count],
@@ -245,7 +253,7 @@ def _walk_by_social_force(lanes, worlds, robots, people, obstacles, walls, sees)
         world = worlds[lane]
         count = world.people
         _read_people(people[lane], count, position, velocity, preferred, speed, radius)
-        _read_robots(robots[lane], robot_position, robot_velocity)
+        read_robots(robots[lane], robot_position, robot_velocity)
         social_force_velocities(
             position[:count],
             velocity[:count],
@@ -273,14 +281,6 @@ def _read_people(people, count, position, velocity, preferred, speed, radius):  
         position[p, 0], position[p, 1] = person.position[0], person.position[1]
         velocity[p, 0], velocity[p, 1] = person.velocity[0], person.velocity[1]
         preferred[p, 0], preferred[p, 1] = person.preferred[0], person.preferred[1]
-
-
-@compiled(inline="always")
-def _read_robots(robots, position, velocity):  # type: ignore[no-untyped-def]
-    for r in range(len(robots)):
-        robot = robots[r]
-        position[r, 0], position[r, 1] = robot.pose[0], robot.pose[1]
-        velocity[r, 0], velocity[r, 1] = robot.world_velocity[0], robot.world_velocity[1]
 
 
 @compiled(inline="always")
