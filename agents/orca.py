@@ -8,8 +8,7 @@ it cannot follow exactly, the robot takes itself for a little larger than it is 
 "Optimal reciprocal collision avoidance for multiple non-holonomic robots", DARS 2010).
 
 A robot with limits on its acceleration or latency looks farther ahead, as people do who cannot stop
-at once. With limits, a differential one is given the command that takes it nearest to where the
-ORCA velocity would within a second: one that stops to turn stands in the way until it moves again.
+at once.
 """
 
 from __future__ import annotations
@@ -24,12 +23,7 @@ from crowdbench_agents.geometry.clusters import Scene, Tracker
 from crowdbench_agents.geometry.footprint import arc_gap, line_gap
 from crowdbench_agents.geometry.scan import ScanGeometry
 from crowdbench_agents.geometry.steering import reachable, slow_to_react, turn_towards
-from crowdbench_agents.geometry.under_way import (
-    CommandsUnderWay,
-    drive_ahead,
-    into_frame,
-    relative,
-)
+from crowdbench_agents.geometry.under_way import CommandsUnderWay, into_frame, relative
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -37,14 +31,10 @@ import crowdbench
 
 STOP = 0.05
 """Least gap to what is seen during the coming step [m]."""
-HORIZONS = 4.0, 1.0
+HORIZONS = 3.0, 1.0
 """Times for which a robot that is slow to react avoids people and what stands [s]."""
-NEIGHBOUR_DISTANCE = 8.0
+NEIGHBOUR_DISTANCE = 5.0
 """Distance beyond which it does not consider people [m]."""
-FOLLOWING = 1.0
-"""Time after which it is to be where the ORCA velocity leads [s]."""
-SPEEDS, TURNS = 11, 31
-"""Commands (v, w) among which it chooses for that."""
 
 
 class Orca(crowdbench.Agent):
@@ -79,13 +69,6 @@ class Orca(crowdbench.Agent):
             if slow_to_react(robot)
             else crowdbench.orca_velocities
         )
-        self._commands = np.array(
-            [
-                (v, w)
-                for v in np.linspace(max(0.0, robot.speed[0]), robot.speed[1], SPEEDS)
-                for w in np.linspace(*robot.turn_rate, TURNS)
-            ]
-        )
 
     def act(self, observation: crowdbench.Observation) -> crowdbench.Action:
         """Return the command that follows the ORCA velocity best."""
@@ -116,11 +99,7 @@ class Orca(crowdbench.Agent):
             left = np.clip(left, *robot.lateral_speed)
             action = self._brake(line_gap, forward, left, velocity, points)
         else:
-            if robot.acceleration is None:
-                command = self._follow(forward, left)
-            else:
-                command = self._follow_slowly(forward, left, velocity)
-            action = self._brake(arc_gap, *command, velocity, points)
+            action = self._brake(arc_gap, *self._follow(forward, left), velocity, points)
         return self._under_way.send(action)
 
     def _avoid(
@@ -163,25 +142,6 @@ class Orca(crowdbench.Agent):
         # Halfway through the turn the robot faces the mean direction of this step.
         off = bearing - turn * robot.control_period / 2
         return speed * max(0.0, math.cos(off)), turn
-
-    def _follow_slowly(
-        self, forward: float, left: float, velocity: NDArray[np.float64]
-    ) -> tuple[float, float]:
-        """The command for a velocity in the robot frame, when the robot does ``velocity`` (2,)."""
-        if math.hypot(forward, left) < 0.02:
-            return 0.0, 0.0
-        periods = max(1, round(FOLLOWING / self._robot.control_period))
-        time = periods * self._robot.control_period
-        many = len(self._commands)
-        after, _ = drive_ahead(
-            self._robot,
-            np.zeros((many, 3)),
-            np.tile(velocity, (many, 1)),
-            np.repeat(self._commands[:, None], periods, axis=1),
-        )
-        off = np.hypot(after[:, 0] - time * forward, after[:, 1] - time * left)
-        v, w = self._commands[np.argmin(off)].tolist()
-        return v, w
 
     def _brake(
         self,

@@ -6,15 +6,17 @@ The learned agents drive with the weights of the paper's tier; none of them has 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from crowdbench.scenario import scenario_names
 from crowdbench.study import Block, Claim, Drawing, Method, Quantity, Study, Table
-from crowdbench.study.measurements import Mean
+from crowdbench.study.measurements import Mean, Pair
+from crowdbench.study.tables import SIGNIFICANCE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from crowdbench.evaluation.statistics import Difference
     from crowdbench.study.measurements import Measurements
 
 EPISODES = 100
@@ -50,6 +52,8 @@ CROWDS, SITUATIONS = scenario_names("hard"), scenario_names("situation")
 LADDER = ("informed", "informed:intent=sampled", "informed:intent=velocity")
 """What is foreseen, by ever less knowledge."""
 FLOOR = "straight_line"
+APART = 0.05
+"""A difference in success or SPL that counts, at ``SIGNIFICANCE`` in a paired test."""
 
 
 def _title(name: str) -> str:
@@ -93,6 +97,88 @@ def costs(measured: Measurements) -> Figure | None:
     axis.set_ylim(0, 1.02)
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, columnspacing=0.8)
+    return figure
+
+
+class Lead(NamedTuple):
+    """By how much the best agent of those without privileges is ahead of the next."""
+
+    best: Method
+    second: Method
+    difference: Difference
+
+    @property
+    def apart(self) -> bool:
+        """Whether the two can be told apart; not corrected for how often that is asked."""
+        return self.difference.mean > APART and self.difference.p < SIGNIFICANCE
+
+
+def leads(measured: Measurements, metric: str) -> dict[str, Lead]:
+    """Who leads in each scenario that two agents have run, and by how much.
+
+    Args:
+        measured: the stored episodes.
+        metric: of which more is better.
+    """
+    found: dict[str, tuple[Method, Method]] = {}
+    for name in (*CROWDS, *SITUATIONS):
+        there = [method for method in AGENTS if measured.count(method.agent, (name,))]
+        means = measured.means(Mean(method.agent, (name,), metric) for method in there)
+        ranked = sorted(zip(there, means, strict=True), key=lambda pair: -pair[1].mean)
+        if len(ranked) > 1:
+            found[name] = ranked[0][0], ranked[1][0]
+    differences = measured.differences(
+        Pair((best.agent, (name,)), (second.agent, (name,)), metric)
+        for name, (best, second) in found.items()
+    )
+    return {
+        name: Lead(*both, difference)
+        for (name, both), difference in zip(found.items(), differences, strict=True)
+    }
+
+
+def spread(measured: Measurements) -> Figure | None:
+    """Success and SPL of every agent in every scenario; a line where the best two lie apart."""
+    from matplotlib.figure import Figure
+
+    from crowdbench.study.style import WIDTH, styles
+
+    scenarios = (*CROWDS, *SITUATIONS)
+    looks = styles(method.agent for method in (*AGENTS, *RUNGS))
+    led = {quantity.metric: leads(measured, quantity.metric) for quantity in QUANTITIES[:2]}
+    asked = set.intersection(*map(set, led.values()))
+    if not asked:
+        return None
+    figure = Figure(figsize=(2 * WIDTH, 4.4), layout="constrained")
+    for axis, quantity in zip(figure.subplots(1, 2, sharey=True), QUANTITIES[:2], strict=True):
+        metric = quantity.metric
+        for method in AGENTS:
+            here = [name for name in scenarios if measured.count(method.agent, (name,))]
+            means = measured.means(Mean(method.agent, (name,), metric) for name in here)
+            look = looks[method.agent]
+            axis.plot(
+                [mean.mean for mean in means],
+                [scenarios.index(name) for name in here],
+                color=look.color,
+                marker=look.marker,
+                linestyle="",
+                label=method.label,
+            )
+        for name, lead in led[metric].items():
+            if lead.apart:
+                ends = measured.means(
+                    Mean(method.agent, (name,), metric) for method in (lead.best, lead.second)
+                )
+                row = scenarios.index(name)
+                axis.plot([end.mean for end in ends], [row, row], color="0.3", zorder=1)
+        axis.set_xlabel(quantity.heading)
+        axis.set_xlim(-0.02, 1.02)
+        axis.set_yticks(range(len(scenarios)), [_title(name) for name in scenarios])
+    axis.set_ylim(len(scenarios) - 0.5, -0.5)
+    count = sum(any(led[metric][name].apart for metric in led) for name in asked)
+    figure.suptitle(f"The best two differ in {count} of {len(asked)} scenarios", fontsize=8)
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(AGENTS))
     return figure
 
 
@@ -144,6 +230,14 @@ STUDY = Study(
             "the straight line.",
             lambda measured, folder: costs(measured),
         ),
+        Drawing(
+            "figure_spread",
+            "Who gets how far where",
+            "Means of the agents without privileges in each scenario. A line joins the best two "
+            f"where they differ by more than {APART:g} (p < {SIGNIFICANCE:g} in a paired test, "
+            "not corrected for the number of scenarios).",
+            lambda measured, folder: spread(measured),
+        ),
     ),
     introduction=(
         "Every agent among people as they walk, with a robot as one can buy: noise, dropouts, "
@@ -154,5 +248,5 @@ STUDY = Study(
         "Below the agents stand the rungs of knowledge: the same planner, told less and less. "
         "Between two of them lies what is worth to know."
     ),
-    shown=("1", "figure_costs"),
+    shown=("1", "figure_costs", "figure_spread"),
 )

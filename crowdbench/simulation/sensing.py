@@ -12,6 +12,7 @@ from crowdbench.compiled import compiled
 from crowdbench.robot import RobotSpec
 from crowdbench.scenario import Scenario
 from crowdbench.simulation import streams
+from crowdbench.simulation.draws import LOST_BEAMS, SCAN_NOISE, gap, normal, sequence
 from crowdbench.simulation.kinematics import make_drive, poses_ahead
 from crowdbench.simulation.lanes import PROPRIOCEPTION
 from crowdbench.simulation.lidar import cast_rays, footprint_segments
@@ -125,61 +126,58 @@ def _proprioception(
 
 
 class ScanNoise:
-    """Noise and dropout of the LiDARs in many lanes, of every robot from a generator of its own."""
+    """Noise and dropout of the LiDARs in many lanes, of every robot from draws of its own."""
 
     def __init__(self, lanes: int, scenario: Scenario) -> None:
         """No lane has any yet; robots and LiDAR are those of the scenario."""
-        shape = lanes, scenario.robots.count, scenario.lidar.beams
         self._largest = scenario.lidar.range
         self._sizes = np.zeros((lanes, 2))  # noise [m] and dropout
-        self._normal, self._uniform = np.zeros((2, *shape))  # drawn for every beam
-        self._noisy = np.zeros(lanes, dtype=np.bool_)
-        self._generators: list[list[np.random.Generator]] = [[] for _ in range(lanes)]
+        self._keys = np.zeros((lanes, scenario.robots.count), dtype=np.uint64)
+        self._scans = np.zeros(lanes, dtype=np.int64)  # taken in the episode
 
     def begin(self, lane: int, scenario: Scenario, seed: int) -> None:
         """Begin an episode in a lane."""
-        lidar = scenario.lidar
-        self._sizes[lane] = lidar.noise, lidar.dropout
-        self._noisy[lane] = lidar.noise > 0.0 or lidar.dropout > 0.0
-        robots = scenario.robots.count if self._noisy[lane] else 0
-        self._generators[lane] = [streams.lidar(seed, r) for r in range(robots)]
+        self._sizes[lane] = scenario.lidar.noise, scenario.lidar.dropout
+        self._scans[lane] = 0
+        if self._sizes[lane].any():
+            for r in range(scenario.robots.count):
+                self._keys[lane, r] = streams.lidar(seed, r).integers(2**64, dtype=np.uint64)
 
     def add(
         self, lanes: NDArray[np.int64], robots: NDArray[np.void], seen: NDArray[np.float32]
     ) -> None:
         """Change what active robots in lanes (M,) have seen, see ``State``."""
-        which = lanes[self._noisy[lanes]]
-        if not len(which):
-            return
-        sizes, active = self._sizes[which].tolist(), robots["active"][which].tolist()
-        for lane, (noise, dropout), there in zip(which.tolist(), sizes, active, strict=True):
-            for r, generator in enumerate(self._generators[lane]):
-                if there[r] and noise > 0.0:
-                    generator.standard_normal(out=self._normal[lane, r])
-                if there[r] and dropout > 0.0:
-                    generator.random(out=self._uniform[lane, r])
-        largest = self._largest
-        _disturb(which, robots, self._sizes, self._normal, self._uniform, largest, seen)
+        _disturb(lanes, robots, self._sizes, self._keys, self._scans, self._largest, seen)
 
 
 @compiled()
-def _disturb(lanes, robots, sizes, normal, uniform, largest, seen):  # type: ignore[no-untyped-def]
-    """Add noise to what active robots have seen, and lose beams; sizes and draws of all lanes."""
+def _disturb(lanes, robots, sizes, keys, scans, largest, seen):  # type: ignore[no-untyped-def]
+    """Add noise to what active robots have seen, and lose beams; sizes to scans of all lanes."""
     nothing = np.float32(largest)
     for i in range(len(lanes)):
         lane = lanes[i]
         noise, dropout = sizes[lane, 0], sizes[lane, 1]
+        if noise == 0.0 and dropout == 0.0:
+            continue
         for r in range(robots.shape[1]):
             if not robots[lane, r].active:
                 continue
             scan = seen[lane, r, PROPRIOCEPTION:]
-            for k in range(len(scan)):
-                if dropout > 0.0 and uniform[lane, r, k] < dropout:
-                    scan[k] = nothing
-                # A beam that hits nothing has nothing to be noisy about.
-                elif noise > 0.0 and scan[k] < nothing:
-                    noisy = scan[k] + noise * normal[lane, r, k]
-                    scan[k] = min(max(noisy, 0.0), largest)
+            if noise > 0.0:
+                drawn, first = sequence(keys[lane, r], SCAN_NOISE), scans[lane] * len(scan)
+                for k in range(len(scan)):
+                    # A beam that hits nothing has nothing to be noisy about.
+                    if scan[k] < nothing:
+                        noisy = scan[k] + noise * normal(drawn, first + k)
+                        scan[k] = min(max(noisy, 0.0), largest)
+            if dropout > 0.0:
+                lost = sequence(sequence(keys[lane, r], LOST_BEAMS), scans[lane])
+                number, k = 0, gap(dropout, lost, 0)
+                while k < len(scan):
+                    scan[int(k)] = nothing
+                    number += 1
+                    k += 1.0 + gap(dropout, lost, number)
+        scans[lane] += 1
 
 
 class DrawnMaps:

@@ -27,11 +27,25 @@ def test_it_turns_on_the_spot_towards_a_goal_behind(world):
     assert w == pytest.approx(1.5)
 
 
-def test_with_limits_it_drives_while_it_turns(slow_world):
-    """Turning on the spot first, it has moved 0.05 m after 0.6 s."""
-    path, outcome = slow_world.drive(Orca(), goal=(-1.0, 4.0))
-    assert outcome == "success"
-    assert np.hypot(*path[3, :2]) > 0.15
+@pytest.mark.parametrize(("away", "evades"), [(4.4, False), (3.8, True)])
+def test_people_are_evaded_who_are_less_than_two_seconds_away(world, away, evades):
+    """Both come at 1 m/s, and their surfaces are about 0.6 m nearer to each other."""
+    assert bool(turns_for_somebody_ahead(world, away)) is evades
+
+
+def test_with_limits_it_looks_farther_ahead(slow_world):
+    assert turns_for_somebody_ahead(slow_world, 4.4)
+
+
+def turns_for_somebody_ahead(world, away):
+    """The turn rate [rad/s] if it counts, when who comes towards the robot is ``away`` [m]."""
+    agent = Orca()
+    agent.reset(world.spec, 0)
+    for step in range(-9, 1):
+        place = (away - 0.2 * step, 0.1, 0.25)
+        seen = world.observe((0.2 * step, 0, 0), [place], (), (9 - 0.2 * step, 0), (1, 0))
+        _, turn = agent.act(seen)
+    return turn if abs(turn) > 0.1 else 0.0
 
 
 def test_it_passes_an_obstacle_between_walls(world):

@@ -3,13 +3,34 @@
 import numpy as np
 import pandas as pd
 import pytest
-from crowdbench_studies.hard import STUDY, costs
+from crowdbench_studies.hard import STUDY, costs, leads, spread
 
 from crowdbench.evaluation.metrics import METRICS
 from crowdbench.evaluation.rows import NOT_COMPUTED, empty_frame
 from crowdbench.scenario import load_scenario, scenario_names
 from crowdbench.study.library import check_study
 from crowdbench.study.measurements import Measurements
+
+
+def measured(
+    values: dict[str, dict[str, list[float]]], scenarios: list[str] | None = None
+) -> Measurements:
+    """What is stored of some agents, the same values in each of some scenarios, seeds from 0 on."""
+    rows = [
+        dict.fromkeys(METRICS, np.nan)
+        | {
+            NOT_COMPUTED: "",
+            "scenario": name,
+            "scenario_digest": load_scenario(name).digest,
+            "agent": agent,
+        }
+        | {"robot": "robot_0", "seed": seed}
+        | {metric: value[seed] for metric, value in given.items()}
+        for name in scenarios or (*scenario_names("hard"), *scenario_names("situation"))
+        for agent, given in values.items()
+        for seed in range(len(given["success"]))
+    ]
+    return Measurements(pd.DataFrame(rows), STUDY.cells())
 
 
 def test_it_can_be_run():
@@ -23,21 +44,11 @@ def test_it_covers_both_tiers():
 
 def test_the_figure_has_a_point_for_each_agent_at_its_means():
     """Two agents with two episodes in each scenario; hollow is who was told what nobody knows."""
-    values = {"orca": ([1, 0], [0.2, 0.4]), "informed": ([1, 1], [0.1, 0.3])}
-    rows = [
-        dict.fromkeys(METRICS, np.nan)
-        | {
-            NOT_COMPUTED: "",
-            "scenario": name,
-            "scenario_digest": load_scenario(name).digest,
-            "agent": agent,
-        }
-        | {"robot": "robot_0", "seed": seed, "success": success[seed], "delay": delay[seed]}
-        for name in (*scenario_names("hard"), *scenario_names("situation"))
-        for agent, (success, delay) in values.items()
-        for seed in range(2)
-    ]
-    figure = costs(Measurements(pd.DataFrame(rows), STUDY.cells()))
+    values = {
+        "orca": {"success": [1, 0], "delay": [0.2, 0.4]},
+        "informed": {"success": [1, 1], "delay": [0.1, 0.3]},
+    }
+    figure = costs(measured(values))
     lines = {bars.get_label(): bars.lines[0] for bars in figure.axes[0].containers}
     points = {label: np.ravel(line.get_data()).tolist() for label, line in lines.items()}
     assert points == {
@@ -47,3 +58,62 @@ def test_the_figure_has_a_point_for_each_agent_at_its_means():
     assert lines["Everything known"].get_markerfacecolor() == "white"
     assert lines["ORCA"].get_markerfacecolor() != "white"
     assert costs(Measurements(empty_frame(), STUDY.cells())) is None
+
+
+def test_the_best_two_are_told_apart_by_what_is_paired():
+    """Ten seeds: nine that one agent alone survives have p = 2/2^9; three have p = 2/2^3."""
+    ten = np.ones(10)
+    cases = {9: True, 3: False}
+    for lost, apart in cases.items():
+        fewer = np.where(np.arange(10) < lost, 0.0, 1.0)
+        stored = measured(
+            {
+                "orca": {"success": fewer, "spl": fewer},
+                "neupan": {"success": ten, "spl": ten},
+                "sac": {"success": 0 * ten, "spl": 0 * ten},
+                "informed": {"success": ten, "spl": ten},
+            },
+            ["hard_station"],
+        )
+        (lead,) = leads(stored, "success").values()
+        assert (lead.best.agent, lead.second.agent) == ("neupan", "orca")
+        assert lead.difference.mean == pytest.approx(lost / 10)
+        assert lead.difference.p == pytest.approx(2 / 2**lost)
+        assert lead.apart is apart
+
+
+def test_a_small_lead_is_none_however_sure():
+    ten = np.full(10, 0.9)
+    stored = measured(
+        {
+            "orca": {"success": ten / ten, "spl": ten - 0.04},
+            "neupan": {"success": ten / ten, "spl": ten},
+        },
+        ["situation_queue"],
+    )
+    (lead,) = leads(stored, "spl").values()
+    assert lead.difference.p < 0.01
+    assert not lead.apart
+
+
+def test_the_spread_counts_scenarios_and_joins_who_differs():
+    """SPL alone tells them apart, in each of three scenarios; who ran alone leads nobody."""
+    ten = np.ones(10)
+    scenarios = ["hard_station", "situation_queue", "situation_doorway"]
+    values = {
+        "orca": {"success": ten, "spl": 0.8 * ten},
+        "neupan": {"success": ten, "spl": 0.9 * ten},
+    }
+    figure = spread(measured(values, scenarios))
+    assert figure.get_suptitle() == "The best two differ in 3 of 3 scenarios"
+    success, spl = figure.axes
+    joined = [line.get_xdata() for line in spl.lines if line.get_marker() == "None"]
+    assert np.allclose(joined, [[0.9, 0.8]] * 3)
+    assert all(line.get_marker() != "None" for line in success.lines)
+    labels = [label.get_text() for label in success.get_yticklabels()]
+    rows = [line.get_ydata()[0] for line in spl.lines if line.get_marker() == "None"]
+    assert {labels[row] for row in rows} == {"Station", "Queue", "Doorway"}
+
+    alone = {"orca": values["orca"]}
+    assert spread(measured(alone, scenarios)) is None
+    assert spread(Measurements(empty_frame(), STUDY.cells())) is None
