@@ -221,23 +221,39 @@ def test_a_narrow_terminal_cuts_no_number_off():
     assert {"100", "pairs", "[ms]", "0.23", "0.28", "-0.044", "[-0.092,", "-0.004]"} <= set(words)
 
 
+def times_left_out(folder):
+    """Whose times are left out, of all that is stored in a folder, as it is printed."""
+    stored = load_results(folder)
+    rows = {
+        cell: stored[(stored["agent"] == cell.agent) & (stored["scenario"] == cell.scenario)]
+        for cell in find_cells(folder)
+    }
+    console = Console(width=200, file=io.StringIO())
+    print_tables(console, ResultsStore(folder), rows, {}, {})
+    said = [line for line in console.file.getvalue().splitlines() if "leaves" in line]
+    assert len(said) == 1
+    return said[0].rpartition(": ")[2]
+
+
 def test_whose_times_are_left_out_is_said_in_one_line(episodes):
     waited = {"diagnostics": {"crowdbench.processor_share": 0.5}}
     episodes.add("orca", success=[1, 1], fixed=waited)
     episodes.add("orca", first=2, success=[1])
     episodes.add("straight_line", success=[1])
     episodes.add("dynamic_window", success=[1], fixed=waited)
-    stored = load_results(episodes.folder)
-    rows = {cell: stored[stored["agent"] == cell.agent] for cell in find_cells(episodes.folder)}
-    console = Console(width=200, file=io.StringIO())
-    print_tables(console, ResultsStore(episodes.folder), rows, {}, {})
-    said = [line for line in console.file.getvalue().splitlines() if "leaves" in line]
-    assert len(said) == 1
-    names = said[0].rpartition(": ")[2].split(", ")
-    assert sorted(names) == [
+    assert sorted(times_left_out(episodes.folder).split(", ")) == [
         "dynamic_window in unimodal_slow 1 of 1",
         "orca in unimodal_slow 2 of 3",
     ]
+
+
+def test_of_many_cells_it_is_said_how_many_times_are_left_out(episodes):
+    waited = {"diagnostics": {"crowdbench.processor_share": 0.5}}
+    scenarios = scenario_names("paper")[:8]
+    for name in scenarios[:7]:
+        episodes.add("orca", name, success=[1, 1], fixed=waited)
+    episodes.add("orca", scenarios[7], success=[1, 1])
+    assert times_left_out(episodes.folder) == "14 of 16, in 7 of 8 cells"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from typing import Any
 
 import safetensors
 import torch
-from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.errors import TrainingError, to_disk
 from crowdbench_agents.learning.weights import tensor_digest
 from safetensors.torch import save
 from torch import Tensor
@@ -55,14 +55,8 @@ def save_checkpoint(
         {"form": form, "scenarios": dict(digests), "state": _outline(state, "", tensors)}
     )
     metadata = {"format": FORMAT, "content": content, "sha256": _digest(content, tensors)}
-    try:
-        with replacing(path) as part:
-            part.write_bytes(save(tensors, metadata))
-    except OSError as error:
-        raise TrainingError(
-            f"{path}: could not be written ({error.strerror or error}); make room on the disk "
-            "and resume: the previous checkpoint is intact"
-        ) from error
+    with to_disk(path, "resume: the previous checkpoint is intact"), replacing(path) as part:
+        part.write_bytes(save(tensors, metadata))
 
 
 def load_checkpoint(folder: Path, form: str, digests: Mapping[str, str]) -> dict[str, Any]:

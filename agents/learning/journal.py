@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, TracebackType
 
-from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.errors import to_disk
 from crowdbench_agents.learning.validation import Validation
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -145,13 +145,8 @@ class Journal:
         Raises:
             TrainingError: no room on the disk.
         """
-        try:
+        with to_disk(self._curve, "resume from the last checkpoint"):
             self._append(row)
-        except OSError as error:
-            raise TrainingError(
-                f"{self._curve}: could not be written ({error.strerror or error}); make room on "
-                "the disk and resume from the last checkpoint"
-            ) from error
 
     def _append(self, row: Mapping[str, float]) -> None:
         with self._curve.open("a+", newline="", encoding="utf-8") as file:

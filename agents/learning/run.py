@@ -19,7 +19,7 @@ from crowdbench_agents.learning.checkpoints import (
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.demonstrations import Demonstrations, open_replay
 from crowdbench_agents.learning.detour import require_straight_ways
-from crowdbench_agents.learning.errors import TrainingError
+from crowdbench_agents.learning.errors import to_disk
 from crowdbench_agents.learning.journal import Journal
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.precision import describe_precision
@@ -202,13 +202,8 @@ class TrainingRun:
             TrainingError: no room on the disk.
         """
         path = self.folder / f"{name}.safetensors"
-        try:
+        with to_disk(path, "resume from the last checkpoint"):
             save_weights(path, self.tensors(), self.config, {**self.facts, **row}, self.form)
-        except OSError as error:
-            raise TrainingError(
-                f"{path}: could not be written ({error.strerror or error}); make room on the disk "
-                "and resume from the last checkpoint"
-            ) from error
 
     def save(self) -> None:
         """Write a checkpoint atomically: everything but the replay.

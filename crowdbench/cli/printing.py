@@ -209,10 +209,19 @@ def _print_errors(console: Console, cell: Cell, rows: pd.DataFrame) -> None:
         )
 
 
+_MOST_WAITS = 6
+"""Names to be told each."""
+
+
 def _print_waits(console: Console, rows: Mapping[str, pd.DataFrame]) -> None:
     """One line for all names, since what overloads a machine is seldom one agent's."""
     counts = {name: int(waited(part).sum()) for name, part in rows.items()}
     left_out = [f"{name} {n} of {len(rows[name])}" for name, n in counts.items() if n]
+    if len(left_out) > _MOST_WAITS:
+        left_out = [
+            f"{sum(counts.values())} of {sum(map(len, rows.values()))}, in {len(left_out)} of "
+            f"{len(rows)} cells"
+        ]
     if left_out:
         console.print(
             "inference_s leaves episodes out, in which the process computed for less than "
