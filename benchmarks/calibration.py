@@ -19,7 +19,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 import crowdbench
-from crowdbench.evaluation.results import ResultsStore
+from crowdbench.evaluation.executors import ExecutorError
+from crowdbench.evaluation.results import ResultsError, ResultsStore
 from crowdbench.evaluation.runner import Task, run
 from crowdbench.evaluation.statistics import wilson_interval
 
@@ -43,7 +44,7 @@ def main() -> None:
         parser.error(f"--episodes: {options.episodes}; allowed: 1 or more")
     try:
         _calibrate(options)
-    except (crowdbench.AgentError, crowdbench.ScenarioError) as error:
+    except (crowdbench.AgentError, crowdbench.ScenarioError, ExecutorError, ResultsError) as error:
         parser.error(str(error))
 
 

@@ -41,7 +41,8 @@ from crowdbench import (
     load_scenario,
     parallel_env,
 )
-from crowdbench.evaluation.results import ResultsStore
+from crowdbench.evaluation.executors import ExecutorError
+from crowdbench.evaluation.results import ResultsError, ResultsStore
 from crowdbench.evaluation.runner import IncompleteError, Task, run
 from crowdbench.evaluation.statistics import wilson_interval
 from crowdbench.simulation.layout import place
@@ -286,9 +287,11 @@ def main() -> None:
     options = parser.parse_args()
     if options.episodes < 1:
         parser.error(f"--episodes: {options.episodes}; allowed: 1 or more")
+    if options.page and not options.page.is_file():
+        parser.error(f"--page: {options.page}: no such file")
     try:
         text = _tables(options)
-    except (AgentError, ScenarioError) as error:
+    except (AgentError, ScenarioError, ExecutorError, ResultsError) as error:
         parser.error(str(error))
     if options.page:
         insert(options.page, text)

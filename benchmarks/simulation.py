@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import resource
+import shutil
 import subprocess
 import sys
 import time
@@ -226,6 +227,13 @@ def main() -> None:
     parser.add_argument("scenarios", nargs="*", default=["multimodal_fast", "corridor_very_dense"])
     console = Console()
     arguments = parser.parse_args()
+    try:
+        for name in arguments.scenarios:
+            crowdbench.load_scenario(name)
+    except crowdbench.ScenarioError as error:
+        parser.error(str(error))
+    if arguments.peers and shutil.which(arguments.peers) is None:
+        parser.error(f"--peers: {arguments.peers}: no such program")
     if arguments.peers:
         compare_with_peers(arguments.peers, console)
         return

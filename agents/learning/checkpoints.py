@@ -26,6 +26,8 @@ from crowdbench.replacing import replacing
 
 CHECKPOINT = "checkpoint.safetensors"
 FORMAT = "crowdbench-checkpoint-1"
+MOST_CHANGED = 3
+"""Scenarios to be named that a run cannot go on in."""
 
 
 def save_checkpoint(
@@ -98,9 +100,11 @@ def load_checkpoint(folder: Path, form: str, digests: Mapping[str, str]) -> dict
         if digest != digests.get(name)
     ]
     if changed:
+        more = f" and {len(changed) - MOST_CHANGED} more" if len(changed) > MOST_CHANGED else ""
         raise TrainingError(
-            f"{path}: scenarios have changed since this run was saved: {', '.join(changed)}; "
-            "train under a new name"
+            f"{path}: the run's scenarios are other ones now: {', '.join(changed[:MOST_CHANGED])}"
+            f"{more}; resume with the training.tiers and training.variants that it was begun with, "
+            "or train under a new name"
         )
     return state
 

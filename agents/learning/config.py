@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     BaseModel,
@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 import crowdbench
-from crowdbench.messages import explain
+from crowdbench.messages import explain, setting
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -180,11 +180,13 @@ class Training(_Section):
     target_rate: Share = Field(0.01, description="of the slow target parameters, per update")
     tiers: tuple[Tier, ...] = Field(
         ("paper",),
-        min_length=1,
         description="of the scenarios that are trained in; all have the robot of the last one",
     )
-    variants: Count = Field(
-        1, description="of each scenario that are trained in: itself, and others drawn around it"
+    variants: int = Field(
+        1,
+        ge=1,
+        le=100,
+        description="of each scenario that are trained in: itself, and others drawn around it",
     )
     expert: str = Field("informed", description="agent that demonstrates and labels")
     labelled_environments: int = Field(0, ge=0, description="in which the expert labels each step")
@@ -202,6 +204,17 @@ class Training(_Section):
         description="matrix products and convolutions in bfloat16, where the CPU has instructions "
         "for it",
     )
+
+    @field_validator("tiers", mode="before")
+    @classmethod
+    def _tiers_are_a_list(cls, value: Any) -> Any:
+        known = get_args(Tier)
+        listed = value if isinstance(value, list | tuple) else []
+        if not listed or any(listed.count(tier) > 1 or tier not in known for tier in listed):
+            raise ValueError(
+                f"expected a list of {', '.join(known)}, each once at most (got {setting(value)})"
+            )
+        return value
 
     @model_validator(mode="after")
     def _everybody_has_an_environment(self) -> Training:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from crowdbench_agents.learning.checkpoints import run_folder, run_name
+from crowdbench_agents.learning.checkpoints import load_checkpoint, run_folder, run_name
 from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.device import (
     describe_actors,
@@ -27,6 +27,7 @@ from crowdbench_agents.learning.journal import Journal, describe_spent, stop_on_
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.run import TrainingRun
+from crowdbench_agents.learning.worlds import digests, training_worlds
 
 from crowdbench.messages import short
 
@@ -79,7 +80,9 @@ def train(
         with run_folder(folder, resume):
             keep_freed_memory()
             torch.set_num_threads(learner_threads(count, where))
-            if not resume:
+            if resume:  # before anything is made for a run that cannot go on
+                load_checkpoint(folder, kind.form, digests(training_worlds(config.training)))
+            else:
                 curve.unlink(missing_ok=True)
             total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
             with Journal(name, folder, curve, total) as journal, ExitStack() as stack:

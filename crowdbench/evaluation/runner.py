@@ -20,7 +20,7 @@ from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, req
 from crowdbench.compiled import note_run, was_run
 from crowdbench.evaluation.database import require_writable
 from crowdbench.evaluation.driven import Driven, ResimulationError
-from crowdbench.evaluation.executors import EXECUTORS, Executor
+from crowdbench.evaluation.executors import EXECUTORS, Executor, ExecutorError
 from crowdbench.evaluation.pool import Limits
 from crowdbench.evaluation.protocol import (
     MOST_WARNINGS,
@@ -131,9 +131,11 @@ def run(
         AgentError: an agent cannot be made, or cannot act for a scenario's drive or people.
         ScenarioError: a scenario has no room, with any of its seeds.
         ResultsError: the results folder cannot be written to.
-        ExecutorError, UnknownNameError: agents cannot be run where they should.
+        ExecutorError, UnknownNameError: agents cannot be run where they should, or in no process.
         IncompleteError: at the end, if episodes are missing.
     """
+    if jobs is not None and jobs < 1:
+        raise ExecutorError(f"jobs: {jobs}; allowed: 1 or more")
     folder = Path(folder)
     store, scorer = ResultsStore(folder), Scorer()
     require_writable(folder)

@@ -52,9 +52,12 @@ def test_a_run_is_not_resumed_in_other_worlds(in_empty_folder, overrides, monkey
     def changed(name, **robot):
         return load(name, **robot).override({"time_limit": 30.0} if name == "unimodal_slow" else {})
 
+    before = {path: path.stat().st_mtime_ns for path in in_empty_folder.rglob("*")}
     monkeypatch.setattr(crowdbench, "load_scenario", changed)
-    with pytest.raises(TrainingError, match=r"scenarios have changed .*: unimodal_slow"):
+    with pytest.raises(TrainingError, match=r"scenarios are other ones now: unimodal_slow"):
         train("worlds", steps=200, resume=True, actors=0, overrides=overrides)
+    after = {path: path.stat().st_mtime_ns for path in in_empty_folder.rglob("*")}
+    assert after == before
 
 
 def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, monkeypatch):

@@ -55,9 +55,12 @@ def test_a_checkpoint_of_scenarios_that_have_changed_is_refused_by_their_names(t
     assert load_checkpoint(tmp_path, FORM, then) == {"updates": 7}
     save_checkpoint(tmp_path, {"updates": 8}, then, FORM)
     for there, shown in ((now, "none"), (now | {"other": "23456789abcd"}, "23456789abcd")):
-        changed = f"changed .*: other .then 123456789abc, now {shown}"
+        changed = f"other ones now: other .then 123456789abc, now {shown}"
         with pytest.raises(TrainingError, match=changed):
             load_checkpoint(tmp_path, FORM, there)
+    save_checkpoint(tmp_path, {"updates": 8}, dict.fromkeys("abcde", "0" * 12), FORM)
+    with pytest.raises(TrainingError, match=r"c \(then 0+, now none\) and 2 more; .*variants"):
+        load_checkpoint(tmp_path, FORM, then)
 
 
 def test_a_damaged_checkpoint_is_told(tmp_path):

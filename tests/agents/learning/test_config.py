@@ -16,6 +16,12 @@ def test_a_decay_without_length_is_refused(decay):
         Config().override({"training.learning_rate_decay": decay})
 
 
+@pytest.mark.parametrize("tiers", [["papper"], [], "paper", ["hard", "hard"], None, [["hard"]]])
+def test_tiers_are_a_list_of_known_ones_each_once(tiers):
+    with pytest.raises(ConfigError, match=r"training\.tiers: expected a list of paper, hard, sit"):
+        Config().override({"training.tiers": tiers})
+
+
 def test_configurations_of_earlier_weights_are_read_under_the_present_names():
     present = load_config().model_dump()
     stored = {section: dict(fields) for section, fields in present.items()}
