@@ -60,6 +60,11 @@ def _title(name: str) -> str:
     return name.partition("_")[2].replace("_", " ").capitalize()
 
 
+def _ran(measured: Measurements, method: Method, scenario: str) -> bool:
+    """Whether all its episodes in a scenario are stored."""
+    return measured.count(method.agent, (scenario,)) == method.episodes
+
+
 def costs(measured: Measurements) -> Figure | None:
     """Success over the delay of people, a point for each agent; rungs of knowledge are hollow."""
     from matplotlib.figure import Figure
@@ -67,12 +72,11 @@ def costs(measured: Measurements) -> Figure | None:
     from crowdbench.study.style import WIDTH, styles
 
     scenarios = (*CROWDS, *SITUATIONS)
-    methods = [m for m in (*AGENTS, *RUNGS) if measured.count(m.agent, scenarios)]
     found = {
         method: measured.means(Mean(method.agent, scenarios, name) for name in ("delay", "success"))
-        for method in methods
+        for method in (*AGENTS, *RUNGS)
+        if all(_ran(measured, method, name) for name in scenarios)
     }
-    found = {method: both for method, both in found.items() if all(e.n for e in both)}
     if not found:
         return None
     looks = styles(method.agent for method in (*AGENTS, *RUNGS))
@@ -114,7 +118,7 @@ class Lead(NamedTuple):
 
 
 def leads(measured: Measurements, metric: str) -> dict[str, Lead]:
-    """Who leads in each scenario that two agents have run, and by how much.
+    """Who leads in each scenario that two agents have run in full, and by how much.
 
     Args:
         measured: the stored episodes.
@@ -122,7 +126,7 @@ def leads(measured: Measurements, metric: str) -> dict[str, Lead]:
     """
     found: dict[str, tuple[Method, Method]] = {}
     for name in (*CROWDS, *SITUATIONS):
-        there = [method for method in AGENTS if measured.count(method.agent, (name,))]
+        there = [method for method in AGENTS if _ran(measured, method, name)]
         means = measured.means(Mean(method.agent, (name,), metric) for method in there)
         ranked = sorted(zip(there, means, strict=True), key=lambda pair: -pair[1].mean)
         if len(ranked) > 1:
@@ -153,7 +157,7 @@ def spread(measured: Measurements) -> Figure | None:
     for axis, quantity in zip(figure.subplots(1, 2, sharey=True), QUANTITIES[:2], strict=True):
         metric = quantity.metric
         for method in AGENTS:
-            here = [name for name in scenarios if measured.count(method.agent, (name,))]
+            here = [name for name in scenarios if _ran(measured, method, name)]
             means = measured.means(Mean(method.agent, (name,), metric) for name in here)
             look = looks[method.agent]
             axis.plot(
@@ -176,7 +180,9 @@ def spread(measured: Measurements) -> Figure | None:
         axis.set_yticks(range(len(scenarios)), [_title(name) for name in scenarios])
     axis.set_ylim(len(scenarios) - 0.5, -0.5)
     count = sum(any(led[metric][name].apart for metric in led) for name in asked)
-    figure.suptitle(f"The best two differ in {count} of {len(asked)} scenarios", fontsize=8)
+    figure.suptitle(
+        f"The best two differ in success or SPL in {count} of {len(asked)} scenarios", fontsize=8
+    )
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(AGENTS))
     return figure
@@ -203,7 +209,7 @@ STUDY = Study(
     tables=(
         Table(
             "1",
-            "Both families, scenarios weighted equally",
+            "Both families, the episodes of all their scenarios",
             (Block(tuple(CROWDS), "Crowds"), Block(tuple(SITUATIONS), "Situations")),
             QUANTITIES,
             (*AGENTS, *RUNGS),
@@ -226,14 +232,15 @@ STUDY = Study(
             "figure_costs",
             "What a robot costs",
             "Success over the mean time by which people are behind where they would be without "
-            "the robot, over all scenarios, with 95 % intervals. Hollow: rungs of knowledge and "
-            "the straight line.",
+            "the robot (below 0: ahead), over all scenarios, with 95 % intervals. Hollow: rungs of "
+            "knowledge and the straight line. Who has not run everywhere in full is not shown.",
             lambda measured, folder: costs(measured),
         ),
         Drawing(
             "figure_spread",
             "Who gets how far where",
-            "Means of the agents without privileges in each scenario. A line joins the best two "
+            "Means of the agents without privileges in each scenario that they have run in full. "
+            "A line joins the best two "
             f"where they differ by more than {APART:g} (p < {SIGNIFICANCE:g} in a paired test, "
             "not corrected for the number of scenarios).",
             lambda measured, folder: spread(measured),

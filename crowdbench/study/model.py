@@ -92,7 +92,7 @@ class Block:
     """Columns that belong together: scenarios, pooled if there are several.
 
     Attributes:
-        scenarios: names or YAML files whose episodes count, each with the same weight.
+        scenarios: names or YAML files whose episodes count, all alike.
         heading: as printed; empty when a table has one block only.
     """
 
@@ -133,7 +133,7 @@ class Claim:
         text: the claim in words; claims that differ in the metric only may share it.
         table: number of the table that holds its episodes; its claims are corrected together.
         better, worse: agents.
-        scenarios: of that table; pooled with equal weights.
+        scenarios: of that table; their episodes count alike.
         metric: name in ``METRICS``.
         factor, margin: see above; 1 and 0 for a plain order.
 
