@@ -181,6 +181,16 @@ def test_tables_are_made_from_the_record_and_ones_own_rows(publish, local, tmp_p
     assert "0.75" in path.read_text() and "0.25" not in path.read_text()
 
 
+def test_a_study_that_comes_along_goes_beside_the_published_ones(publish, local, tmp_path):
+    publish("orca", "hard_station", success=[1, 1])
+    assert main(["tables", "hard"]) == 0
+    folder = tmp_path / "results" / "studies" / "hard"
+    assert "2 of 19,200 planned episodes" in (folder / "README.md").read_text()
+    assert main(["tables", "hard", "--results", "mine"]) == 0
+    assert (tmp_path / "mine" / "studies" / "hard" / "README.md").is_file()
+    assert not (tmp_path / "crowdbench-results").exists()
+
+
 def test_publish_says_what_it_has_changed(local, tmp_path, capsys):
     (tmp_path / "mine.py").write_text(STUDY)
     command = ["publish", "mine.py", "--record", "kept", "--results"]

@@ -49,11 +49,12 @@ def tables(
     """Write a study's tables, verdicts, figures and page from the stored episodes.
 
     They are made from published rows and one's own. The default study goes to results/ (or the
-    folder of --results), others go to studies/NAME in the folder of one's own results.
+    folder of --results), others that come with crowdbench to studies/NAME in there, and one's own
+    to studies/NAME in the folder of one's own results.
     """
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
-    from crowdbench.study.library import load_study
+    from crowdbench.study.library import is_shipped, load_study
     from crowdbench.study.output import write_study
 
     try:
@@ -61,7 +62,9 @@ def tables(
     except StudyError as error:
         raise UserError(str(error)) from error
     folder, home = results or RESULTS, results or PUBLISHED
-    target = home if study == DEFAULT_STUDY else folder / "studies" / wanted.name
+    target = (home if is_shipped(study) else folder) / "studies" / wanted.name
+    if study == DEFAULT_STUDY:
+        target = home
     complete = not run or _run(wanted, folder, jobs, results is not None, executor, address)
     begun = time.perf_counter()
     written = write_study(wanted, home, target, rows_for(results))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent
@@ -24,7 +25,9 @@ from crowdbench.study.model import (
     Table,
 )
 
-STUDIES: Registry[Study] = Registry("study", "crowdbench.studies", {}, of=Study)
+GROUP = "crowdbench.studies"
+"""Of entry points."""
+STUDIES: Registry[Study] = Registry("study", GROUP, {}, of=Study)
 """Installed studies by name."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -49,6 +52,14 @@ def load_study(text: str) -> Study:
     except (StudyError, AgentError, ScenarioError) as error:
         raise StudyError(f"{where}: {error}") from error
     return study
+
+
+def is_shipped(text: str) -> bool:
+    """Whether what ``load_study`` takes names a study that comes with crowdbench."""
+    return any(
+        point.name == text and point.value.startswith("crowdbench_studies.")
+        for point in entry_points(group=GROUP)
+    )
 
 
 def check_study(study: Study) -> None:

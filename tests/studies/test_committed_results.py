@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crowdbench_studies.hard import STUDY as HARD
 from crowdbench_studies.paper import STUDY
 
 from crowdbench.agent import Agent, AgentSpec
@@ -32,15 +33,23 @@ def stored():
         yield load_record()
 
 
-def test_the_tables_are_those_that_the_episodes_give(stored, tmp_path):
-    write_study(STUDY, RESULTS, tmp_path, stored)
+@pytest.mark.parametrize(
+    ("study", "folder", "command"),
+    [
+        (STUDY, RESULTS, "python paper_tables.py"),
+        (HARD, RESULTS / "studies" / "hard", "crowdbench tables hard"),
+    ],
+    ids=["paper", "hard"],
+)
+def test_the_tables_are_those_that_the_episodes_give(study, folder, command, stored, tmp_path):
+    write_study(study, RESULTS, tmp_path, stored)
     made = [*sorted((tmp_path / "tables").iterdir()), tmp_path / "README.md"]
     assert len(made) > 1
     for path in made:
-        committed = RESULTS / path.relative_to(tmp_path)
-        assert committed.is_file(), f"{committed} is missing; run python paper_tables.py"
+        committed = folder / path.relative_to(tmp_path)
+        assert committed.is_file(), f"{committed} is missing; run {command}"
         assert committed.read_text(encoding="utf-8") == path.read_text(encoding="utf-8"), (
-            f"{committed} is not what the episodes give; run python paper_tables.py"
+            f"{committed} is not what the episodes give; run {command}"
         )
 
 
