@@ -158,6 +158,8 @@ def spread(measured: Measurements) -> Figure | None:
         metric = quantity.metric
         for method in AGENTS:
             here = [name for name in scenarios if _ran(measured, method, name)]
+            if not here:
+                continue
             means = measured.means(Mean(method.agent, (name,), metric) for name in here)
             look = looks[method.agent]
             axis.plot(

@@ -112,6 +112,8 @@ def test_the_spread_counts_scenarios_and_joins_who_differs():
     joined = [line.get_xdata() for line in spl.lines if line.get_marker() == "None"]
     assert np.allclose(joined, [[0.9, 0.8]] * 3)
     assert all(line.get_marker() != "None" for line in success.lines)
+    legend = [label.get_text() for label in figure.legends[0].get_texts()]
+    assert legend == ["NeuPAN", "ORCA"]
     labels = [label.get_text() for label in success.get_yticklabels()]
     rows = [line.get_ydata()[0] for line in spl.lines if line.get_marker() == "None"]
     assert {labels[row] for row in rows} == {"Station", "Queue", "Doorway"}
