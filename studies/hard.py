@@ -51,7 +51,7 @@ QUANTITIES = (
 CROWDS, SITUATIONS = scenario_names("hard"), scenario_names("situation")
 LADDER = ("informed", "informed:intent=sampled", "informed:intent=velocity")
 """What is foreseen, by ever less knowledge."""
-FLOOR = "straight_line"
+FLOOR = RUNGS[-1]
 APART = 0.05
 """A difference in success or SPL that counts, at ``SIGNIFICANCE`` in a paired test."""
 
@@ -225,8 +225,10 @@ STUDY = Study(
         *_claimed("Seeing more than a LiDAR does helps", "informed", "informed:view=lidar"),
         *(
             claim
-            for first, second in pairwise(("neupan", "orca", FLOOR))
-            for claim in _claimed(f"{first} gets further than {second}", first, second)
+            for first, second in pairwise((AGENTS[0], AGENTS[1], FLOOR))
+            for claim in _claimed(
+                f"{first.label} succeeds more often than {second.label}", first.agent, second.agent
+            )
         ),
     ),
     figures=(
