@@ -62,9 +62,8 @@ def tables(
     except StudyError as error:
         raise UserError(str(error)) from error
     folder, home = results or RESULTS, results or PUBLISHED
-    target = (home if is_shipped(study) else folder) / "studies" / wanted.name
-    if study == DEFAULT_STUDY:
-        target = home
+    place = home if is_shipped(study) else folder
+    target = place if study == DEFAULT_STUDY else place / "studies" / wanted.name
     complete = not run or _run(wanted, folder, jobs, results is not None, executor, address)
     begun = time.perf_counter()
     written = write_study(wanted, home, target, rows_for(results))
