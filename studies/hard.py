@@ -141,6 +141,11 @@ def leads(measured: Measurements, metric: str) -> dict[str, Lead]:
     }
 
 
+def _beside(method: Method) -> float:
+    """By how much of a row an agent's mark is below its middle: equal means stay apart."""
+    return 0.1 * (AGENTS.index(method) - (len(AGENTS) - 1) / 2)
+
+
 def spread(measured: Measurements) -> Figure | None:
     """Success and SPL of every agent in every scenario; a line where the best two lie apart."""
     from matplotlib.figure import Figure
@@ -160,11 +165,12 @@ def spread(measured: Measurements) -> Figure | None:
             here = [name for name in scenarios if _ran(measured, method, name)]
             if not here:
                 continue
+            lower = _beside(method)
             means = measured.means(Mean(method.agent, (name,), metric) for name in here)
             look = looks[method.agent]
             axis.plot(
                 [mean.mean for mean in means],
-                [scenarios.index(name) for name in here],
+                [scenarios.index(name) + lower for name in here],
                 color=look.color,
                 marker=look.marker,
                 linestyle="",
@@ -172,11 +178,10 @@ def spread(measured: Measurements) -> Figure | None:
             )
         for name, lead in led[metric].items():
             if lead.apart:
-                ends = measured.means(
-                    Mean(method.agent, (name,), metric) for method in (lead.best, lead.second)
-                )
-                row = scenarios.index(name)
-                axis.plot([end.mean for end in ends], [row, row], color="0.3", zorder=1)
+                best = (lead.best, lead.second)
+                ends = measured.means(Mean(method.agent, (name,), metric) for method in best)
+                rows = [scenarios.index(name) + _beside(method) for method in best]
+                axis.plot([end.mean for end in ends], rows, color="0.3", zorder=1)
         axis.set_xlabel(quantity.heading)
         axis.set_xlim(-0.02, 1.02)
         axis.set_yticks(range(len(scenarios)), [_title(name) for name in scenarios])

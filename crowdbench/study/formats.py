@@ -130,7 +130,9 @@ def terminal(filled: Filled) -> Group:
             cells = []
             for entry in filled.row(block, method):
                 cell = Text(value(entry), style="bold" if entry.bold else "")
-                cell.append(f" {reference(entry)}\n{interval(entry)}", style="not bold")
+                cell.append(f" {reference(entry)}", style="not bold")
+                if within := interval(entry):
+                    cell.append(f"\n{within}", style="not bold")
                 cells.append(cell)
             shown.add_row(Text(method.label), *cells)
         shown.add_section()

@@ -116,7 +116,10 @@ def test_the_spread_counts_scenarios_and_joins_who_differs():
     assert legend == ["NeuPAN", "ORCA"]
     labels = [label.get_text() for label in success.get_yticklabels()]
     rows = [line.get_ydata()[0] for line in spl.lines if line.get_marker() == "None"]
-    assert {labels[row] for row in rows} == {"Station", "Queue", "Doorway"}
+    assert {labels[round(row)] for row in rows} == {"Station", "Queue", "Doorway"}
+    neupan, orca = (line.get_ydata() for line in success.lines)
+    assert np.abs(neupan - orca).min() > 0.05  # equal as they are, each can be seen
+    assert np.abs(np.concatenate([neupan, orca]) % 1 - 0.5).min() > 0.2  # in its own row
 
     alone = {"orca": values["orca"]}
     assert spread(measured(alone, scenarios)) is None

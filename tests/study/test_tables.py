@@ -145,6 +145,9 @@ def test_a_cell_without_episodes_shows_a_dash_and_says_why(episodes):
     assert "—: not yet run." in notes(result)
     for text in (markdown(result), latex(result), shown(result)):
         assert "not yet run" in " ".join(text.split())
+    printed = shown(result).splitlines()
+    (place,) = (number for number, line in enumerate(printed) if line.startswith("First"))
+    assert printed[place + 1].startswith("Second")  # no empty line for an interval
     for row in csv.DictReader(io.StringIO(csv_text(result))):
         assert (row["value"], row["low"], row["high"], row["bold"]) == ("", "", "", "")
         assert row["episodes"] == "0"
