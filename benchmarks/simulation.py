@@ -235,6 +235,11 @@ def main() -> None:
     if arguments.peers and shutil.which(arguments.peers) is None:
         parser.error(f"--peers: {arguments.peers}: no such program")
     if arguments.peers:
+        imported = [arguments.peers, "-c", "import irsim, navground.learning"]
+        if subprocess.run(imported, capture_output=True, check=False).returncode:
+            parser.error(
+                f"--peers: {arguments.peers}: has not both peers (see benchmarks/peers.py)"
+            )
         compare_with_peers(arguments.peers, console)
         return
     if arguments.tier:
