@@ -12,6 +12,7 @@ from crowdbench_agents.latent_planner.world_model import FORMAT, make_world_mode
 from crowdbench_agents.learning import training
 from crowdbench_agents.learning.config import load_config
 from crowdbench_agents.learning.kind import Kind
+from crowdbench_agents.learning.settings import RunSettings
 
 KIND = Kind(FORMAT, Learner, make_world_model, Explorer)
 
@@ -21,8 +22,8 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     resume: bool = False,
-    seed: int = 0,
-    social: bool = True,
+    seed: int | None = None,
+    social: bool | None = None,
     overrides: Mapping[str, Any] | None = None,
     device: str = "auto",
     actors: int | None = None,
@@ -33,9 +34,8 @@ def train(
         name, minutes, steps, resume, seed, social, device, actors: as there.
         overrides: fields of the shipped configuration, e.g. ``{"training.batch": 64}``.
     """
-    config = load_config().override(overrides or {})
     return training.train(
-        KIND, name, config,
-        minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
+        KIND, name, RunSettings(load_config()),
+        overrides=overrides, minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
         device=device, actors=actors,
     )  # fmt: skip

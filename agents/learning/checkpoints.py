@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import safetensors
 import torch
@@ -25,9 +25,21 @@ from crowdbench.messages import short
 from crowdbench.replacing import replacing
 
 CHECKPOINT = "checkpoint.safetensors"
-FORMAT = "crowdbench-checkpoint-1"
+FORMAT = "crowdbench-checkpoint-2"
 MOST_CHANGED = 3
 """Scenarios to be named that a run cannot go on in."""
+
+
+class Checkpoint(NamedTuple):
+    """What a run goes on from.
+
+    Attributes:
+        state: mappings and lists of tensors, numbers and text.
+        scenarios: digests of those that the run trains in, by name.
+    """
+
+    state: dict[str, Any]
+    scenarios: dict[str, str]
 
 
 def save_checkpoint(
@@ -61,17 +73,16 @@ def save_checkpoint(
         part.write_bytes(save(tensors, metadata))
 
 
-def load_checkpoint(folder: Path, form: str, digests: Mapping[str, str]) -> dict[str, Any]:
+def load_checkpoint(folder: Path, form: str) -> Checkpoint:
     """Read a run's checkpoint.
 
     Args:
         folder: of the run.
         form: of its networks.
-        digests: of the scenarios that are trained in now; others may have been added.
 
     Raises:
-        TrainingError: unreadable, damaged, of an earlier version or other networks, with numbers
-            that are not finite, or a scenario of the run is no longer what it was.
+        TrainingError: unreadable, damaged, of an earlier version or other networks, or with numbers
+            that are not finite.
     """
     path = folder / CHECKPOINT
     try:
@@ -93,20 +104,32 @@ def load_checkpoint(folder: Path, form: str, digests: Mapping[str, str]) -> dict
         raise TrainingError(f"{path}: {name!r} has values that are not finite")
     if content["form"] != form:
         raise TrainingError(f"{path}: is of {content['form']!r} networks, expected {form!r}")
-    then = content["scenarios"]
+    return Checkpoint(state, content["scenarios"])
+
+
+def require_same_scenarios(folder: Path, then: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Make sure that a run goes on in the scenarios that it was begun in.
+
+    Args:
+        folder: of the run.
+        then: digests of those of its checkpoint, by name.
+        now: of those that are trained in now; others may have been added.
+
+    Raises:
+        TrainingError: the message names those that are no longer what they were.
+    """
     changed = [
-        f"{name} (then {digest}, now {digests.get(name, 'none')})"
+        f"{name} (then {digest}, now {now.get(name, 'none')})"
         for name, digest in then.items()
-        if digest != digests.get(name)
+        if digest != now.get(name)
     ]
     if changed:
         more = f" and {len(changed) - MOST_CHANGED} more" if len(changed) > MOST_CHANGED else ""
         raise TrainingError(
-            f"{path}: the run's scenarios are other ones now: {', '.join(changed[:MOST_CHANGED])}"
-            f"{more}; resume with the training.tiers and training.variants that it was begun with, "
-            "or train under a new name"
+            f"{folder / CHECKPOINT}: the run's scenarios are other ones now: "
+            f"{', '.join(changed[:MOST_CHANGED])}{more}; resume with the training.tiers and "
+            "training.variants that it was begun with, or train under a new name"
         )
-    return state
 
 
 def require_fitting(folder: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
@@ -207,6 +230,16 @@ def run_name(name: str) -> str:
     return name
 
 
+def require_run(folder: Path) -> None:
+    """Make sure that there is a run to go on with.
+
+    Raises:
+        TrainingError: there is none.
+    """
+    if not (folder / CHECKPOINT).is_file():
+        raise TrainingError(f"nothing to resume: {folder / CHECKPOINT} does not exist")
+
+
 @contextmanager
 def run_folder(folder: Path, resume: bool) -> Iterator[None]:
     """Make a run's folder and keep other processes out of it.
@@ -217,10 +250,9 @@ def run_folder(folder: Path, resume: bool) -> Iterator[None]:
         TrainingError: there is a run and ``resume`` is not asked for, or the reverse, another
             process is training it, or the folder cannot be written to.
     """
-    there = (folder / CHECKPOINT).is_file()
-    if resume and not there:
-        raise TrainingError(f"nothing to resume: {folder / CHECKPOINT} does not exist")
-    if not resume and there:
+    if resume:
+        require_run(folder)
+    elif (folder / CHECKPOINT).is_file():
         raise TrainingError(f"{folder} holds a run; resume it, or remove or rename the folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -25,6 +25,7 @@ from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.precision import describe_precision
 from crowdbench_agents.learning.rollout import Rollout
 from crowdbench_agents.learning.sampler import ScenarioSampler
+from crowdbench_agents.learning.settings import RunSettings
 from crowdbench_agents.learning.trained_robot import TrainedRobot
 from crowdbench_agents.learning.validation import Act, validate
 from crowdbench_agents.learning.weights import save_weights
@@ -63,6 +64,7 @@ class TrainingRun:
     ) -> None:
         settings = config.training
         self.form, self.folder, self.config = kind.form, folder, config
+        self._settings = RunSettings(config, seed, social)
         self._worlds = training_worlds(settings)
         self.sampler = ScenarioSampler(seed, self._worlds)
         self.digests = digests(self._worlds)
@@ -216,6 +218,7 @@ class TrainingRun:
             "best": self.best, "kept": len(self.replay),
         }  # fmt: skip
         state = {
+            "settings": self._settings.document(),
             "rng": self.rng.bit_generator.state,
             "sampler": {"success": self.sampler.success, "episodes": self.sampler.episodes},
             "counters": counters,
@@ -230,10 +233,9 @@ class TrainingRun:
         Where the replay is not there, it is filled again before the next update.
 
         Raises:
-            TrainingError: it is damaged, of another version or other networks, or its scenarios
-                have changed.
+            TrainingError: it is damaged, or of another version or other networks.
         """
-        state = load_checkpoint(self.folder, self.form, self.digests)
+        state = load_checkpoint(self.folder, self.form).state
         require_fitting(self.folder, state, {"learner": self.learner.state()})
         self.rng.bit_generator.state = state["rng"]
         counters, sampler = state["counters"], state["sampler"]

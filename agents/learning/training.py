@@ -8,14 +8,21 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from crowdbench_agents.learning.checkpoints import load_checkpoint, run_folder, run_name
-from crowdbench_agents.learning.config import Config
+from crowdbench_agents.learning.checkpoints import (
+    CHECKPOINT,
+    load_checkpoint,
+    require_run,
+    require_same_scenarios,
+    run_folder,
+    run_name,
+)
 from crowdbench_agents.learning.device import (
     describe_actors,
     find_actors,
@@ -27,6 +34,7 @@ from crowdbench_agents.learning.journal import Journal, describe_spent, stop_on_
 from crowdbench_agents.learning.kind import Kind
 from crowdbench_agents.learning.memory import keep_freed_memory
 from crowdbench_agents.learning.run import TrainingRun
+from crowdbench_agents.learning.settings import RunSettings, require_expert
 from crowdbench_agents.learning.worlds import digests, training_worlds
 
 from crowdbench.messages import short
@@ -40,13 +48,14 @@ CHECK_UPDATES = 100  # between checks, and notes, while learning from demonstrat
 def train(
     kind: Kind,
     name: str,
-    config: Config,
+    defaults: RunSettings,
     *,
+    overrides: Mapping[str, Any] | None = None,
     minutes: float | None = None,
     steps: int | None = None,
     resume: bool = False,
-    seed: int = 0,
-    social: bool = True,
+    seed: int | None = None,
+    social: bool | None = None,
     device: str = "auto",
     actors: int | None = None,
 ) -> Path:
@@ -55,7 +64,9 @@ def train(
     Args:
         kind: of agent.
         name: of the run; its folder is ``runs/<name>``. Letters, digits and _.- only.
-        config: all settings.
+        defaults: settings of a run of this kind where nothing else is asked for.
+        overrides: fields of the configuration, e.g. ``{"training.batch": 64}``; a run that is
+            resumed keeps all others.
         minutes: wall time to train in this call.
         steps: environment steps at which to stop, those of earlier calls included.
         resume: continue the run of this name.
@@ -69,27 +80,37 @@ def train(
         The run's folder with ``best.safetensors`` and ``last.safetensors``.
 
     Raises:
+        ConfigError: unknown field or value out of range.
         TrainingError: a name that no run can have, nothing to resume, a run in the way, a
-            checkpoint that cannot be used, a diverged training, a full disk, no such device or
-            too little memory on it, actors that die again and again.
+            checkpoint that cannot be used, another seed or reward than that of the run, no such
+            expert, a diverged training, a full disk, no such device or too little memory on it,
+            actors that die again and again.
     """
     where = find_device(device)
-    count = find_actors(actors, config.training.environments, where)
     folder, curve = RUNS / run_name(name), CURVES / f"{name}.csv"
+    asked = overrides or {}, seed, social
+    # All that can be refused is, before anything is made or removed.
+    if resume:
+        settings, changes = _continued(folder, kind, *asked)
+    else:
+        settings, changes = defaults.chosen(*asked), []
+    config = settings.config
+    require_expert(config.training)
+    count = find_actors(actors, config.training.environments, where)
     try:
         with run_folder(folder, resume):
             keep_freed_memory()
             torch.set_num_threads(learner_threads(count, where))
-            if resume:  # before anything is made for a run that cannot go on
-                load_checkpoint(folder, kind.form, digests(training_worlds(config.training)))
-            else:
-                curve.unlink(missing_ok=True)
             total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
             with Journal(name, folder, curve, total) as journal, ExitStack() as stack:
                 stopping = stack.enter_context(stop_on_signals())
-                run = TrainingRun(kind, folder, config, seed, social, where, count)
+                run = TrainingRun(kind, folder, *settings, where, count)
                 if resume:
                     run.restore()
+                else:
+                    curve.unlink(missing_ok=True)
+                for change in changes:
+                    journal.say(change)
                 if run.demonstrations is not None:
                     wanted = config.training.demonstrations
                     run.demonstrations.record(
@@ -114,6 +135,27 @@ def train(
             "training.batch or use --device cpu"
         ) from error
     return folder
+
+
+def _continued(
+    folder: Path,
+    kind: Kind,
+    overrides: Mapping[str, Any],
+    seed: int | None,
+    social: bool | None,
+) -> tuple[RunSettings, list[str]]:
+    """The settings of a run that goes on, and a line for each that changes.
+
+    Raises:
+        ConfigError, TrainingError: it cannot go on, as asked for or at all.
+    """
+    require_run(folder)
+    state, scenarios = load_checkpoint(folder, kind.form)
+    before = RunSettings.read(state["settings"], f"{folder / CHECKPOINT}: the run's settings")
+    settings = before.continued(overrides, seed, social)
+    now = digests(training_worlds(settings.config.training))
+    require_same_scenarios(folder, scenarios, now)
+    return settings, settings.changes(before)
 
 
 def _loop(

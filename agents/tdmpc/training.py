@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from crowdbench_agents.latent_planner import training
+from crowdbench_agents.latent_planner.training import KIND
+from crowdbench_agents.learning import training
+from crowdbench_agents.learning.config import load_config
+from crowdbench_agents.learning.settings import RunSettings
 
 DIFFERENCES = {
     "loss.imitation": 0.0,
@@ -25,14 +28,15 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     resume: bool = False,
-    seed: int = 0,
-    social: bool = False,
+    seed: int | None = None,
+    social: bool | None = None,
     overrides: Mapping[str, Any] | None = None,
     device: str = "auto",
     actors: int | None = None,
 ) -> Path:
     """Train the TD-MPC-style baseline; arguments as for the latent planner."""
     return training.train(
-        name, minutes, steps, resume, seed, social, {**DIFFERENCES, **(overrides or {})}, device,
-        actors,
+        KIND, name, RunSettings(load_config().override(DIFFERENCES), social=False),
+        overrides=overrides, minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
+        device=device, actors=actors,
     )  # fmt: skip

@@ -27,7 +27,10 @@ def train(
     steps: Annotated[
         int | None, typer.Option(min=0, help="Environment steps at which to stop.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of parameters, episodes, exploration.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Of parameters, episodes, exploration; by default 0."),
+    ] = None,
     seeds: Annotated[
         str | None,
         typer.Option(
@@ -64,7 +67,9 @@ def train(
     The run goes to runs/NAME, its curve to results/training/NAME.csv.
     """
     function = Trainer(trainer)
-    asked = {"social": social, "device": device, "actors": actors}
+    if seed is None and not resume:
+        seed = 0
+    asked = {"seed": seed, "social": social, "device": device, "actors": actors}
     # Trainers have defaults of their own, and need not know what is not asked for.
     chosen = {key: value for key, value in asked.items() if value is not None}
     for key in chosen:
@@ -72,7 +77,7 @@ def train(
             raise UserError(f"{trainer}: --{key} is nothing that its trainer takes")
     called = trainer if name is None else name
     run = {
-        "name": called, "minutes": minutes, "steps": steps, "resume": resume, "seed": seed,
+        "name": called, "minutes": minutes, "steps": steps, "resume": resume,
         "overrides": parse_overrides(overrides or []), **chosen,
     }  # fmt: skip
     if executor == "local":

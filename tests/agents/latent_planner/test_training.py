@@ -9,19 +9,18 @@ import pytest
 from crowdbench_agents.latent_planner.training import train
 from crowdbench_agents.latent_planner.world_model import FORMAT, load_world_model
 from crowdbench_agents.learning.checkpoints import load_checkpoint
+from crowdbench_agents.learning.config import ConfigError, load_config
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.replay import EXPERT, PLANNER
 from crowdbench_agents.learning.run import TrainingRun
-from crowdbench_agents.learning.worlds import as_they_are, digests
 from crowdbench_agents.tdmpc.training import train as train_tdmpc
 
 import crowdbench
 
 
 def state_of(folder):
-    """What a run in two scenarios has kept."""
-    worlds = as_they_are(crowdbench.scenario_names("paper"))
-    return load_checkpoint(folder, FORMAT, digests(worlds))
+    """What a run has kept."""
+    return load_checkpoint(folder, FORMAT).state
 
 
 def test_a_run_trains_stops_and_goes_on(in_empty_folder, overrides):
@@ -66,6 +65,51 @@ def test_a_run_goes_on_when_others_add_scenarios(in_empty_folder, overrides, mon
     monkeypatch.setattr(crowdbench, "scenario_names", lambda tier: names)
     folder = train("worlds", steps=140, resume=True, actors=0, overrides=overrides)
     assert state_of(folder)["counters"]["steps"] == 140
+
+
+def test_a_run_keeps_its_settings_and_says_which_change(in_empty_folder, overrides, capsys):
+    begun = overrides | {"training.batch": 8}
+    folder = train("kept", steps=100, actors=0, overrides=begun, seed=3, social=False)
+    train("kept", steps=120, resume=True, actors=0)
+    assert "from here on" not in capsys.readouterr().out
+    train("kept", steps=140, resume=True, actors=0, overrides={"training.batch": 4}, seed=3)
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("from here on") == 1
+    assert "training.batch: 4 from here on, 8 before" in said
+    _, config, training = load_world_model(folder / "last.safetensors")
+    assert config == load_config().override(begun | {"training.batch": 4})
+    assert (training["seed"], training["social"], training["steps"]) == (3, False, 140)
+    then = r"the run was begun with (3, not 4|false, not true)"
+    for other in ({"seed": 4}, {"social": True}):
+        with pytest.raises(TrainingError, match=then):
+            train("kept", steps=160, resume=True, actors=0, **other)
+    with pytest.raises(ConfigError, match=r"training\.batch"):
+        train("kept", steps=160, resume=True, actors=0, overrides={"training.batch": 0})
+    assert state_of(folder)["counters"]["steps"] == 140
+
+
+def test_what_tdmpc_does_otherwise_does_not_replace_what_a_run_was_begun_with(
+    in_empty_folder, overrides
+):
+    chosen = {"planner.smoothness_weight": 0.7}
+    folder = train_tdmpc("kept", steps=60, actors=0, overrides=overrides | chosen)
+    train_tdmpc("kept", steps=80, resume=True, actors=0)
+    _, config, training = load_world_model(folder / "last.safetensors")
+    assert (config.planner.smoothness_weight, config.loss.imitation) == (0.7, 0.0)
+    assert training["social"] is False
+
+
+@pytest.mark.parametrize("expert", ["nobody", "informed:intent=nonsense", "orca:foo=1"])
+def test_an_expert_that_cannot_be_made_is_refused_and_nothing_touched(
+    in_empty_folder, overrides, expert
+):
+    curve = in_empty_folder / "results/training/mine.csv"
+    curve.parent.mkdir(parents=True)
+    curve.write_text("of another run")
+    with pytest.raises(TrainingError, match=r"training\.expert: (unknown )?agent"):
+        train("mine", steps=60, actors=0, overrides=overrides | {"training.expert": expert})
+    assert [path for path in in_empty_folder.rglob("*") if path.is_file()] == [curve]
+    assert curve.read_text() == "of another run"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -8,6 +8,7 @@ from crowdbench_agents.learning.checkpoints import (
     CHECKPOINT,
     load_checkpoint,
     require_fitting,
+    require_same_scenarios,
     run_folder,
     run_name,
     save_checkpoint,
@@ -24,7 +25,7 @@ def test_a_full_disk_is_told_and_leaves_the_checkpoint_before_alone(tmp_path):
     told = r"checkpoint\.safetensors: could not be written \(File too large\); make room on the"
     with room_for(1000), pytest.raises(TrainingError, match=told):
         save_checkpoint(tmp_path, {"updates": 8, "weights": torch.zeros(100_000)}, {}, FORM)
-    assert load_checkpoint(tmp_path, FORM, {})["updates"] == 7
+    assert load_checkpoint(tmp_path, FORM).state["updates"] == 7
     assert [path.name for path in tmp_path.iterdir()] == [CHECKPOINT]
 
 
@@ -51,27 +52,27 @@ def test_a_run_that_is_being_trained_cannot_be_trained_by_another(tmp_path):
 
 def test_a_checkpoint_of_scenarios_that_have_changed_is_refused_by_their_names(tmp_path):
     then, now = {"one": "0123456789ab", "other": "123456789abc"}, {"one": "0123456789ab"}
-    save_checkpoint(tmp_path, {"updates": 7}, now, FORM)
-    assert load_checkpoint(tmp_path, FORM, then) == {"updates": 7}
-    save_checkpoint(tmp_path, {"updates": 8}, then, FORM)
+    save_checkpoint(tmp_path, {"updates": 7}, then, FORM)
+    assert load_checkpoint(tmp_path, FORM) == ({"updates": 7}, then)
+    require_same_scenarios(tmp_path, now, then)
     for there, shown in ((now, "none"), (now | {"other": "23456789abcd"}, "23456789abcd")):
-        changed = f"other ones now: other .then 123456789abc, now {shown}"
+        changed = f"checkpoint.*other ones now: other .then 123456789abc, now {shown}"
         with pytest.raises(TrainingError, match=changed):
-            load_checkpoint(tmp_path, FORM, there)
-    save_checkpoint(tmp_path, {"updates": 8}, dict.fromkeys("abcde", "0" * 12), FORM)
+            require_same_scenarios(tmp_path, then, there)
+    five = dict.fromkeys("abcde", "0" * 12)
     with pytest.raises(TrainingError, match=r"c \(then 0+, now none\) and 2 more; .*variants"):
-        load_checkpoint(tmp_path, FORM, then)
+        require_same_scenarios(tmp_path, five, then)
 
 
 def test_a_damaged_checkpoint_is_told(tmp_path):
     (tmp_path / "checkpoint.safetensors").write_bytes(b"torn")
     with pytest.raises(TrainingError, match=r"checkpoint\.safetensors: cannot be read"):
-        load_checkpoint(tmp_path, FORM, {})
+        load_checkpoint(tmp_path, FORM)
 
 
 def refusal(folder, form=FORM):
     with pytest.raises(TrainingError) as caught:
-        load_checkpoint(folder, form, {})
+        load_checkpoint(folder, form)
     message = str(caught.value)
     assert message.startswith(f"{folder / 'checkpoint.safetensors'}: ")
     assert "\n" not in message
@@ -112,7 +113,7 @@ def test_a_state_comes_back_as_it_was(tmp_path):
         "noise": torch.Generator().manual_seed(5).get_state(), "best": 0.1, "name": "x", "no": {},
     }  # fmt: skip
     save_checkpoint(tmp_path, state, {}, FORM)
-    found = load_checkpoint(tmp_path, FORM, {})
+    found = load_checkpoint(tmp_path, FORM).state
     assert found.keys() == state.keys()
     other = torch.optim.Adam(torch.nn.Linear(3, 2).parameters())
     other.load_state_dict(found["optimizer"])
@@ -131,7 +132,7 @@ def test_what_has_diverged_never_takes_the_place_of_a_good_checkpoint(tmp_path, 
     save_checkpoint(tmp_path, {"updates": 7}, {}, FORM)
     with pytest.raises(TrainingError, match=r"not written, since 'a.1' has values .* is intact"):
         save_checkpoint(tmp_path, {"updates": 8, "a": [1.0, bad]}, {}, FORM)
-    assert load_checkpoint(tmp_path, FORM, {}) == {"updates": 7}
+    assert load_checkpoint(tmp_path, FORM).state == {"updates": 7}
 
 
 def test_a_number_that_is_not_finite_is_named(tmp_path, monkeypatch):
