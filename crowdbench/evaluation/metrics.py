@@ -187,7 +187,7 @@ _BUILT_IN = {
     ),
     "detour": Metric(
         social.disturbance("detour"), "m", "lower",
-        "mean extra way of people to the same goals, by that without the robot, after 20 s", "mean",
+        "how much further people walk to the same goals than without the robot, in 20 s", "mean",
         digits=3,
     ),
     "displacement": Metric(

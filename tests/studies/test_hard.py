@@ -49,6 +49,8 @@ def test_the_figure_has_a_point_for_each_agent_at_its_means():
         "informed": {"success": [1, 1] * 50, "delay": [0.1, 0.3] * 50},
         "neupan": {"success": [1] * 99, "delay": [0.1] * 99},
     }
+    for given in values.values():
+        given["delay_by_chance"] = np.linspace(-0.1, 0.2, len(given["success"]))
     figure = costs(measured(values))
     lines = {bars.get_label(): bars.lines[0] for bars in figure.axes[0].containers}
     points = {label: np.ravel(line.get_data()).tolist() for label, line in lines.items()}
@@ -58,6 +60,10 @@ def test_the_figure_has_a_point_for_each_agent_at_its_means():
     }
     assert lines["Everything known"].get_markerfacecolor() == "white"
     assert lines["ORCA"].get_markerfacecolor() != "white"
+    chance = figure.axes[0].patches[0]
+    low, high = chance.get_x(), chance.get_x() + chance.get_width()
+    # 1,600 values with a standard deviation of 0.3 / sqrt(12)
+    assert (low, high) == pytest.approx((0.05 - 0.0042, 0.05 + 0.0042), abs=0.0008)
     assert costs(Measurements(empty_frame(), STUDY.cells())) is None
 
 
@@ -107,7 +113,9 @@ def test_the_spread_counts_scenarios_and_joins_who_differs():
         "neupan": {"success": ones, "spl": 0.9 * ones},
     }
     figure = spread(measured(values, scenarios))
-    assert figure.get_suptitle() == "The best two differ in success or SPL in 3 of 3 scenarios"
+    assert figure.get_suptitle() == (
+        "The best two differ by more than 0.05 in success or SPL in 3 of 3 scenarios"
+    )
     success, spl = figure.axes
     joined = [line.get_xdata() for line in spl.lines if line.get_marker() == "None"]
     assert np.allclose(joined, [[0.9, 0.8]] * 3)
