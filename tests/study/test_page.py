@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -267,12 +268,13 @@ def test_every_file_that_the_page_names_is_there(many, tmp_path):
 def test_the_command_writes_the_report_and_prints_the_tables(
     many, tmp_path, capsys, without_figures
 ):
-    (tmp_path / "episodes").symlink_to(many.folder / "episodes")
-    assert main(["tables", "--results", str(tmp_path)]) == 0
+    folder = tmp_path / "results"
+    shutil.copytree(many.folder, folder)
+    assert main(["tables", "--results", str(folder)]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     for table in TABLES:
         assert f"Table {table.number}: {table.title}" in printed
-    assert (tmp_path / "README.md").is_file()
+    assert (folder / "README.md").is_file()
 
 
 def test_a_folder_that_cannot_be_written_is_named(many, tmp_path):
