@@ -11,7 +11,7 @@ from typing import Any
 
 from crowdbench.messages import nearest, printable, quoted, setting, short
 from crowdbench.scenario.changes import change, merge
-from crowdbench.scenario.decided import leave_to_recording
+from crowdbench.scenario.decided import leave_decided
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
 from crowdbench.scenario.recorded import doubts
@@ -57,7 +57,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
 
     Raises:
         ScenarioError: unknown name (the nearest are listed), unknown key, value out of range, one
-            that a recording decides, or a world in which not everybody fits.
+            that a recording or an image decides, or a world in which not everybody fits.
     """
     if isinstance(name, Scenario):
         scenario = name.override(changes) if changes else name
@@ -66,7 +66,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     else:
         document = _scenario(str(name))
         change(document, changes)
-        leave_to_recording(document, changes, source=str(name))
+        leave_decided(document, changes, source=str(name))
         scenario = validate(document, source=str(name))
     _warn_of_passed_goals(scenario)
     for problem in doubts(scenario):
@@ -166,7 +166,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     document.setdefault("name", Path(name).stem)
     document.setdefault("description", "")  # that of what it extends tells of another world
     if parent is None:
-        leave_to_recording(document, document, source=name)
+        leave_decided(document, document, source=name)
         return document
     if not isinstance(parent, str):
         raise ScenarioError(
@@ -174,7 +174,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     merged = merge(beneath, document)
-    leave_to_recording(merged, document, source=name)
+    leave_decided(merged, document, source=name)
     return merged
 
 
