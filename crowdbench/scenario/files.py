@@ -67,7 +67,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
         document = _scenario(str(name))
         change(document, changes)
         leave_decided(document, changes, source=str(name))
-        scenario = validate(document, source=str(name))
+        scenario = _complete(document, str(name))
     _warn_of_passed_goals(scenario)
     for problem in doubts(scenario):
         warnings.warn(f"scenario {scenario.name!r}: {problem}", stacklevel=2)
@@ -97,7 +97,21 @@ def parse_overrides(items: list[str]) -> dict[str, Any]:
 @cache
 def _own(name: str) -> Scenario:
     """A built-in scenario as it is: parsed once, as rows by the hundred name the same few."""
-    return validate(_scenario(name), source=name)
+    return _complete(_scenario(name), name)
+
+
+def _complete(document: dict[str, Any], name: str) -> Scenario:
+    """Make a scenario of its document; of what scenarios of a tier extend it may be none."""
+    try:
+        return validate(document, source=name)
+    except ScenarioError as error:
+        own = {} if _is_path(name) else _read(_folder() / f"{name}.yaml")
+        if not own.get("abstract"):
+            raise
+        raise ScenarioError(
+            f"{quoted(name)} is what the scenarios of tier {own['tier']!r} extend, and none by "
+            f"itself; allowed: those that crowdbench scenarios lists ({error})"
+        ) from error
 
 
 def _scenario(name: str) -> dict[str, Any]:
@@ -153,6 +167,11 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     if not _is_file(path):
         if is_path:
             raise ScenarioError(f"scenario file {quoted(str(path))} does not exist")
+        if name in scenario_tiers():
+            raise ScenarioError(
+                f"{quoted(name)} is a tier, not a scenario; allowed: those that crowdbench "
+                "scenarios lists in it"
+            )
         raise ScenarioError(f"unknown scenario {quoted(name)}{nearest(name, scenario_names())}")
     place = str(path.resolve() if isinstance(path, Path) else path)
     if place in seen:

@@ -65,6 +65,38 @@ def test_whatever_is_no_scenario_is_unknown(name):
     assert "unknown scenario" in refusal(name)
 
 
+@pytest.mark.parametrize("name", ["hard", "situation"])
+def test_what_a_tier_extends_is_said_to_be_no_scenario(name):
+    told = f"{name!r} is what the scenarios of tier {name!r} extend, and none by itself; allowed: "
+    listed = "those that crowdbench scenarios lists (scenario "
+    assert refusal(name).startswith(f"{told}{listed}{name!r}: robots.start: null; allowed on a map")
+    assert "pedestrians.cout" in refusal(name, **{"pedestrians.cout": 3})
+
+
+def test_a_tier_is_said_to_be_no_scenario():
+    assert refusal("paper") == (
+        "'paper' is a tier, not a scenario; allowed: those that crowdbench scenarios lists in it"
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        (
+            "pedestrians.streams.0.share",
+            "'streams' is a list, not a section; allowed: pedestrians.streams=[...], the whole list",
+        ),
+        (
+            "pedestrians.count.least",
+            "'count' is a value, not a section; allowed: pedestrians.count=...",
+        ),
+        ("time_limit.a.b", "'time_limit' is a value, not a section; allowed: time_limit=..."),
+    ],
+)
+def test_a_key_that_leads_into_a_value_says_how_that_is_set(key, told):
+    assert refusal("situation_doorway", **{"time_limit": 40, key: 1}) == f"{key}: {told}"
+
+
 def test_a_missing_file_is_named():
     assert refusal("no/such.yaml") == "scenario file 'no/such.yaml' does not exist"
 
