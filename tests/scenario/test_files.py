@@ -80,21 +80,17 @@ def test_a_tier_is_said_to_be_no_scenario():
 
 
 @pytest.mark.parametrize(
-    ("key", "told"),
+    ("key", "kind", "whole"),
     [
-        (
-            "pedestrians.streams.0.share",
-            "'streams' is a list, not a section; allowed: pedestrians.streams=[...], the whole list",
-        ),
-        (
-            "pedestrians.count.least",
-            "'count' is a value, not a section; allowed: pedestrians.count=...",
-        ),
-        ("time_limit.a.b", "'time_limit' is a value, not a section; allowed: time_limit=..."),
+        ("pedestrians.streams.0.share", "list", "pedestrians.streams=[...], the whole list"),
+        ("pedestrians.count.least", "value", "pedestrians.count=..."),
+        ("time_limit.a.b", "value", "time_limit=..."),
     ],
 )
-def test_a_key_that_leads_into_a_value_says_how_that_is_set(key, told):
-    assert refusal("situation_doorway", **{"time_limit": 40, key: 1}) == f"{key}: {told}"
+def test_a_key_that_leads_into_a_value_says_how_that_is_set(key, kind, whole):
+    name = whole.partition("=")[0].split(".")[-1]
+    told = f"{key}: {name!r} is a {kind}, not a section; allowed: {whole}"
+    assert refusal("situation_doorway", **{"time_limit": 40, key: 1}) == told
 
 
 def test_a_missing_file_is_named():
