@@ -101,17 +101,26 @@ def _own(name: str) -> Scenario:
 
 
 def _complete(document: dict[str, Any], name: str) -> Scenario:
-    """Make a scenario of its document; of what scenarios of a tier extend it may be none."""
+    """Make a scenario of its document, or say that it is one of those that others complete."""
     try:
         return validate(document, source=name)
     except ScenarioError as error:
-        own = {} if _is_path(name) else _read(_folder() / f"{name}.yaml")
-        if not own.get("abstract"):
+        if _is_path(name) or _is_whole(name):
             raise
+        tier = _resolve(name, base=None, seen=())["tier"]
         raise ScenarioError(
-            f"{quoted(name)} is what the scenarios of tier {own['tier']!r} extend, and none by "
-            f"itself; allowed: those that crowdbench scenarios lists ({error})"
+            f"{quoted(name)} is what the scenarios of tier {tier!r} extend, and none by itself; "
+            f"allowed: those that crowdbench scenarios lists ({error})"
         ) from error
+
+
+def _is_whole(name: str) -> bool:
+    """Whether a built-in document without changes is a scenario."""
+    try:
+        validate(_scenario(name), source=name)
+    except ScenarioError:
+        return False
+    return True
 
 
 def _scenario(name: str) -> dict[str, Any]:

@@ -71,6 +71,7 @@ def test_what_a_tier_extends_is_said_to_be_no_scenario(name):
     listed = "those that crowdbench scenarios lists (scenario "
     assert refusal(name).startswith(f"{told}{listed}{name!r}: robots.start: null; allowed on a map")
     assert "pedestrians.cout" in refusal(name, **{"pedestrians.cout": 3})
+    assert "tier" not in refusal("open", **{"pedestrians.cout": 3}), "others are scenarios too"
 
 
 def test_a_tier_is_said_to_be_no_scenario():
