@@ -25,7 +25,7 @@ MAX_REASON = 200
 _LONGEST_ERROR = 800
 
 _OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
-_SYMBOLS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+_LIMITS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "multiple_of": "a multiple of"}
 
 
 @dataclass(frozen=True)
@@ -253,10 +253,10 @@ def _unwrapped(annotation: Any, metadata: tuple[Any, ...]) -> tuple[Any, tuple[A
 
 
 def _limits(metadata: tuple[Any, ...]) -> str:
-    """The range that metadata states: ``>= 0 and <= 500``; empty without one."""
+    """What metadata states: ``>= 16 and a multiple of 16``; empty where it states nothing."""
     return " and ".join(
-        f"{symbol} {getattr(limit, key)}"
-        for key, symbol in _SYMBOLS.items()
+        f"{words} {getattr(limit, key)}"
+        for key, words in _LIMITS.items()
         for limit in metadata
         if hasattr(limit, key)
     )

@@ -280,7 +280,7 @@ def test_of_many_cells_it_is_said_how_many_times_are_left_out(episodes):
         (["record", "open", "-o", "x.avi"], "expected a name that ends in .gif or .mp4"),
         (["train", "latent_planer"], "'latent_planer'; did you mean 'latent_planner'?"),
         (["compare", "straight_line", "orca", "-m", "succes"], "did you mean 'success'?"),
-        (["compare", "a", "b", "--results", "none"], "none: no episodes of agent 'a'"),
+        (["compare", "a", "b"], "crowdbench-results: no episodes of agent 'a'"),
     ],
 )
 def test_a_mistake_is_answered_in_one_line(tmp_path, monkeypatch, capsys, arguments, told):

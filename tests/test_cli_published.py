@@ -186,8 +186,45 @@ def test_a_study_that_comes_along_goes_beside_the_published_ones(publish, local,
     assert main(["tables", "hard"]) == 0
     folder = tmp_path / "results" / "studies" / "hard"
     assert "2 of 19,200 planned episodes" in (folder / "README.md").read_text()
+    local.add("orca", "hard_station", success=[1])
     assert main(["tables", "hard", "--results", "mine"]) == 0
     assert (tmp_path / "mine" / "studies" / "hard" / "README.md").is_file()
+    assert not (tmp_path / "crowdbench-results").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["publish", "hard", "--record", "kept"],
+        ["tables", "hard"],
+        ["compare", "orca", "neupan"],
+        ["export"],
+        ["report"],
+    ],
+    ids=lambda command: command[0],
+)
+@pytest.mark.parametrize("asked", ["nowhere", "README.md"])
+def test_results_that_are_asked_for_have_to_be_there(
+    publish, local, tmp_path, capsys, command, asked
+):
+    """Published rows do not stand in for them, and nothing is made."""
+    for agent in ("orca", "neupan"):
+        publish(agent, spl=[0.5])
+    (tmp_path / "README.md").write_text("no results")
+    before = sorted(tmp_path.rglob("*"))
+    assert main([*command, "--results", asked]) == 2
+    printed, told = capsys.readouterr()
+    assert (printed, told) == (
+        "", f"{asked}: no episodes are stored here; crowdbench run stores some\n"
+    )  # fmt: skip
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_default_results_may_be_missing_where_published_ones_do(publish, local, tmp_path):
+    for agent in ("orca", "neupan"):
+        publish(agent, spl=[0.5])
+    assert main(["compare", "orca", "neupan"]) == 0
+    assert main(["publish", "hard", "--record", "kept"]) == 2
     assert not (tmp_path / "crowdbench-results").exists()
 
 

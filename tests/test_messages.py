@@ -66,6 +66,7 @@ def test_the_nearest_name_is_found_and_else_all_are_listed():
         (Annotated[float, Field(gt=0, le=5)], "a number > 0 and <= 5"),
         (Annotated[int | None, Field(ge=1)], "a whole number >= 1, or null"),
         (Annotated[int, Field(ge=1)] | None, "a whole number >= 1, or null"),
+        (Annotated[int, Field(ge=16, multiple_of=16)], "a whole number >= 16 and a multiple of 16"),
         (Literal["a", "b", "c"], "'a', 'b' or 'c'"),
         (tuple[float, float], "two numbers"),
         (Annotated[tuple[float, float], Form("low, then high")], "low, then high"),

@@ -56,8 +56,17 @@ class Perception(_Section):
     """The stacked obstacle map."""
 
     cells: int = Field(48, ge=16, multiple_of=16, description="cells along each side")
-    size: Positive = Field(6.0, description="side length [m]")
+    size: Positive = Field(6.0, le=100, description="side length [m]")
     ahead: NonNegative = Field(4.0, description="from the robot to the front edge [m]")
+
+    @model_validator(mode="after")
+    def _robot_is_in_the_map(self) -> Perception:
+        if self.ahead > self.size:
+            raise ValueError(
+                f"ahead: {setting(self.ahead)} m leave the robot out of the map; allowed: "
+                f"0 to {setting(self.size)} (size)"
+            )
+        return self
 
     @property
     def geometry(self) -> crowdbench.MapGeometry:

@@ -23,6 +23,10 @@ SetOption = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="Override a field, e.g. pedestrians.count=12."),
 ]
 ResultsOption = Annotated[Path, typer.Option("--results", help="Results folder.")]
+ChosenResultsOption = Annotated[
+    Path | None, typer.Option("--results", help=f"Results folder, by default {RESULTS}.")
+]
+"""Tells a folder that was asked for, and has to be there, from the default one."""
 AloneOption = Annotated[
     Path | None,
     typer.Option(

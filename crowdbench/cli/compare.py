@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.agent import AgentSpec
-from crowdbench.cli.common import RESULTS, ResultsOption, UserError, out
+from crowdbench.cli.common import RESULTS, ChosenResultsOption, UserError, out
 from crowdbench.messages import nearest
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def compare(
         list[str] | None,
         typer.Option("--metric", "-m", help="By default the main ones; may be repeated."),
     ] = None,
-    results: ResultsOption = RESULTS,
+    results: ChosenResultsOption = None,
 ) -> None:
     """Compare two agents on shared episodes, your own and published ones."""
     from crowdbench.cli.printing import (
@@ -36,17 +36,21 @@ def compare(
         print_published,
     )
     from crowdbench.evaluation.metrics import METRICS
+    from crowdbench.evaluation.results import require_episodes
     from crowdbench.evaluation.rows import not_computed
     from crowdbench.evaluation.statistics import PairingError, per_episode
     from crowdbench.evaluation.statistics import compare as compare_tables
 
     main = [name for name, entry in METRICS.items() if entry.main]
     chosen = {name: METRICS[name] for name in metric or main}
-    a, b = (_stored(results, text, scenario) for text in (first, second))
+    if results is not None:
+        require_episodes(results)
+    folder = results or RESULTS
+    a, b = (_stored(folder, text, scenario) for text in (first, second))
     for text, rows in ((first, a), (second, b)):
         for name in metric or []:
             if not_computed(rows).get(name) == len(rows):
-                raise UserError(f"{results}: the episodes of {text} are older than metric {name!r}")
+                raise UserError(f"{folder}: the episodes of {text} are older than metric {name!r}")
     same = ["scenario", "scenario_digest"]
     a, b = a.merge(b[same].drop_duplicates()), b.merge(a[same].drop_duplicates())
     try:

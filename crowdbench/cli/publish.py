@@ -38,6 +38,7 @@ def publish(
     Only those that the study asks for; an episode that is published already is replaced.
     """
     from crowdbench.evaluation.publish import publish as publish_plan
+    from crowdbench.evaluation.results import require_episodes
     from crowdbench.study import StudyError
     from crowdbench.study.library import load_study
 
@@ -46,6 +47,7 @@ def publish(
     except StudyError as error:
         raise UserError(str(error)) from error
     require_writable_record(record, "publish")
+    require_episodes(results)
     outcome = publish_plan(plan, results, record)
     console = out()
     for change in outcome.changes:

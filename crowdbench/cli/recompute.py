@@ -7,16 +7,21 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.common import RESULTS, UserError, err, out, require_writable_record
+from crowdbench.cli.common import (
+    RESULTS,
+    ChosenResultsOption,
+    UserError,
+    err,
+    out,
+    require_writable_record,
+)
 
 _SHOWN = 20
 """Lines of one kind that are printed."""
 
 
 def recompute(
-    results: Annotated[
-        Path | None, typer.Option("--results", help=f"Results folder, by default {RESULTS}.")
-    ] = None,
+    results: ChosenResultsOption = None,
     record: Annotated[
         Path | None,
         typer.Option(

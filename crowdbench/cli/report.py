@@ -13,7 +13,6 @@ from crowdbench.cli.common import (
     PUBLISHED,
     RESULTS,
     AloneOption,
-    UserError,
     out,
     rows_for,
 )
@@ -32,13 +31,14 @@ def report(
     ] = None,
 ) -> None:
     """Write a page with leaderboards, tables, figures and replays; it needs no server."""
+    from crowdbench.evaluation.results import require_episodes
     from crowdbench.site.website import write_report_page
 
+    if results is not None:
+        require_episodes(results)
     rows = rows_for(results)
     if rows.empty:
-        raise UserError(
-            f"{results or RESULTS}: no episodes are stored here; crowdbench run stores some"
-        )
+        require_episodes(RESULTS)  # nothing is published either
     with tempfile.TemporaryDirectory(prefix="crowdbench-figures-") as folder:
         tables, figures = _of_study(rows, results or PUBLISHED, Path(folder))
         # In a folder of one's own are as many episodes as one has wished for.

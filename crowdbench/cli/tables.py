@@ -23,6 +23,7 @@ from crowdbench.cli.common import (
     out,
     rows_for,
 )
+from crowdbench.messages import short
 
 if TYPE_CHECKING:
     from crowdbench.study import Study
@@ -52,6 +53,7 @@ def tables(
     folder of --results), others that come with crowdbench to studies/NAME in there, and one's own
     to studies/NAME in the folder of one's own results.
     """
+    from crowdbench.evaluation.results import require_episodes
     from crowdbench.study import StudyError
     from crowdbench.study.formats import terminal
     from crowdbench.study.library import is_shipped, load_study
@@ -61,6 +63,10 @@ def tables(
         wanted = load_study(study)
     except StudyError as error:
         raise UserError(str(error)) from error
+    if not run:
+        _refuse_options_of_runs(jobs, executor, address)
+        if results is not None:
+            require_episodes(results)
     folder, home = results or RESULTS, results or PUBLISHED
     place = home if is_shipped(study) else folder
     target = place if study == DEFAULT_STUDY else place / "studies" / wanted.name
@@ -80,6 +86,13 @@ def tables(
     )
     if not complete:
         raise typer.Exit(1)
+
+
+def _refuse_options_of_runs(jobs: int | None, executor: str, address: str | None) -> None:
+    elsewhere = executor if executor != "local" else None
+    for name, value in (("jobs", jobs), ("executor", elsewhere), ("address", address)):
+        if value is not None:
+            raise UserError(f"--{name} {short(value)}: nothing is run; allowed: with --run")
 
 
 def _run(

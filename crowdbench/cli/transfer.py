@@ -34,11 +34,10 @@ def export(
     if kind is Format.parquet and importlib.util.find_spec("pyarrow") is None:
         raise UserError("Parquet needs pyarrow, which is not installed: pip install pyarrow")
 
-    from crowdbench.evaluation.results import load_results
+    from crowdbench.evaluation.results import load_results, require_episodes
 
+    require_episodes(results)
     rows = load_results(results)
-    if rows.empty:
-        raise UserError(f"{results}: no episodes are stored here; crowdbench run stores some")
     if output is None:
         typer.echo(rows.to_csv(index=False), nl=False)
         return

@@ -58,6 +58,7 @@ __all__ = [
     "load_commands",
     "load_driven",
     "load_results",
+    "require_episodes",
     "scenario_label",
     "slug",
 ]
@@ -302,6 +303,20 @@ def load_results(
             if scenario in (None, label) and agent in (None, name)
         ]
         return read_frame(connection, cells, Path(folder) / FILE)
+
+
+def require_episodes(folder: Path) -> None:
+    """Refuse a results folder in which ``load_results`` finds nothing, or that is none.
+
+    Raises:
+        ResultsError: no episode of this world is stored there, or the file cannot be read.
+    """
+    with opened_for_reading(folder) as connection:
+        if connection is not None:
+            if latest_cells(connection):
+                return
+            _warn_of_other_worlds(connection, folder)
+    raise ResultsError(f"{folder}: no episodes are stored here; crowdbench run stores some")
 
 
 def load_driven(folder: str | Path, cell: Cell, seed: int) -> list[Driven] | None:

@@ -27,10 +27,16 @@ def change(document: dict[str, Any], changes: Mapping[str, Any]) -> None:
     for key, value in changes.items():
         *sections, field = str(key).split(".")
         section = document
-        for part in sections:
+        for number, part in enumerate(sections, 1):
             section = section.setdefault(part, {})
             if not isinstance(section, dict):
-                raise ScenarioError(f"{_text(str(key))}: {short(part)} is a value, not a section")
+                kind, whole = "value", "..."
+                if isinstance(section, list | tuple):
+                    kind, whole = "list", "[...], the whole list"
+                raise ScenarioError(
+                    f"{_text(str(key))}: {short(part)} is a {kind}, not a section; allowed: "
+                    f"{_text('.'.join(sections[:number]))}={whole}"
+                )
         if isinstance(value, Mapping):
             below = section.get(field, {})
             # A section in the place of a value is left for the check to complain of.

@@ -1,4 +1,4 @@
-"""What a recording decides, and a scenario whose people walk as recorded need not say."""
+"""What a recording or the image of a map decides, and a scenario that has one need not say."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ _WAYS = (
     "on_arrival",
 )
 _EXTENT = ("length", "width")
+_OF_RECORDING = "the recording decides it; allowed with pedestrians.model 'recorded'"
+_OF_IMAGE = "the image decides it; allowed with arena.image"
 
 
-def leave_to_recording(document: dict[str, Any], own: Mapping[str, Any], source: str) -> None:
-    """Refuse settings that would change nothing, since the recording decides them.
+def leave_decided(document: dict[str, Any], own: Mapping[str, Any], source: str) -> None:
+    """Refuse settings that would change nothing, since a recording or an image decides them.
 
-    What is inherited is not refused: it was said of simulated people. Of it, what people do beside
-    walking to their goals is taken out of the document.
+    What is inherited is not refused: it was said of simulated people, or of another place. Of it,
+    what people do beside walking to their goals is taken out where they walk as recorded.
 
     Args:
         document: of a scenario, with everything that it inherits.
@@ -40,15 +42,17 @@ def leave_to_recording(document: dict[str, Any], own: Mapping[str, Any], source:
         source: of the scenario.
 
     Raises:
-        ScenarioError: people walk as recorded, and a field is set that the recording decides.
+        ScenarioError: a field is set that the recording or the image decides.
     """
     people, arena = document.get("pedestrians"), document.get("arena")
+    if isinstance(arena, dict) and arena.get("image"):
+        _refuse("arena", Arena, (*_EXTENT, "centre"), own, source, _OF_IMAGE)
     if not isinstance(people, dict) or people.get("model") != "recorded":
         return
-    _refuse("pedestrians", Pedestrians, (*_WAYS, *HABITS), own, source)
+    _refuse("pedestrians", Pedestrians, (*_WAYS, *HABITS), own, source, _OF_RECORDING)
     # Walls of a map, or its image, say how large it is.
     if not isinstance(arena, dict) or arena.get("kind") != "map":
-        _refuse("arena", Arena, _EXTENT, own, source)
+        _refuse("arena", Arena, _EXTENT, own, source, _OF_RECORDING)
     for field in HABITS:
         people.pop(field, None)
 
@@ -59,6 +63,7 @@ def _refuse(
     decided: tuple[str, ...],
     own: Mapping[str, Any],
     source: str,
+    reason: str,
 ) -> None:
     nested: dict[str, Any] = {}
     change(nested, own)
@@ -69,6 +74,6 @@ def _refuse(
     for field in decided:
         if field in settings:
             raise ScenarioError(
-                f"scenario {quoted(source)}: {section}.{field}: {setting(settings[field])}; the "
-                "recording decides it; allowed with pedestrians.model 'recorded': to leave it out"
+                f"scenario {quoted(source)}: {section}.{field}: {setting(settings[field])}; "
+                f"{reason}: to leave it out"
             )

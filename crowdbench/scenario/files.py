@@ -11,7 +11,7 @@ from typing import Any
 
 from crowdbench.messages import nearest, printable, quoted, setting, short
 from crowdbench.scenario.changes import change, merge
-from crowdbench.scenario.decided import leave_to_recording
+from crowdbench.scenario.decided import leave_decided
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.model import Scenario, validate
 from crowdbench.scenario.recorded import doubts
@@ -57,7 +57,7 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
 
     Raises:
         ScenarioError: unknown name (the nearest are listed), unknown key, value out of range, one
-            that a recording decides, or a world in which not everybody fits.
+            that a recording or an image decides, or a world in which not everybody fits.
     """
     if isinstance(name, Scenario):
         scenario = name.override(changes) if changes else name
@@ -66,8 +66,8 @@ def load_scenario(name: str | Path | Scenario, /, **changes: Any) -> Scenario:
     else:
         document = _scenario(str(name))
         change(document, changes)
-        leave_to_recording(document, changes, source=str(name))
-        scenario = validate(document, source=str(name))
+        leave_decided(document, changes, source=str(name))
+        scenario = _complete(document, str(name))
     _warn_of_passed_goals(scenario)
     for problem in doubts(scenario):
         warnings.warn(f"scenario {scenario.name!r}: {problem}", stacklevel=2)
@@ -97,7 +97,30 @@ def parse_overrides(items: list[str]) -> dict[str, Any]:
 @cache
 def _own(name: str) -> Scenario:
     """A built-in scenario as it is: parsed once, as rows by the hundred name the same few."""
-    return validate(_scenario(name), source=name)
+    return _complete(_scenario(name), name)
+
+
+def _complete(document: dict[str, Any], name: str) -> Scenario:
+    """Make a scenario of its document, or say that it is one of those that others complete."""
+    try:
+        return validate(document, source=name)
+    except ScenarioError as error:
+        if _is_path(name) or _is_whole(name):
+            raise
+        tier = _resolve(name, base=None, seen=())["tier"]
+        raise ScenarioError(
+            f"{quoted(name)} is what the scenarios of tier {tier!r} extend, and none by itself; "
+            f"allowed: those that crowdbench scenarios lists ({error})"
+        ) from error
+
+
+def _is_whole(name: str) -> bool:
+    """Whether a built-in document without changes is a scenario."""
+    try:
+        validate(_scenario(name), source=name)
+    except ScenarioError:
+        return False
+    return True
 
 
 def _scenario(name: str) -> dict[str, Any]:
@@ -153,6 +176,11 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     if not _is_file(path):
         if is_path:
             raise ScenarioError(f"scenario file {quoted(str(path))} does not exist")
+        if name in scenario_tiers():
+            raise ScenarioError(
+                f"{quoted(name)} is a tier, not a scenario; allowed: those that crowdbench "
+                "scenarios lists in it"
+            )
         raise ScenarioError(f"unknown scenario {quoted(name)}{nearest(name, scenario_names())}")
     place = str(path.resolve() if isinstance(path, Path) else path)
     if place in seen:
@@ -166,7 +194,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
     document.setdefault("name", Path(name).stem)
     document.setdefault("description", "")  # that of what it extends tells of another world
     if parent is None:
-        leave_to_recording(document, document, source=name)
+        leave_decided(document, document, source=name)
         return document
     if not isinstance(parent, str):
         raise ScenarioError(
@@ -174,7 +202,7 @@ def _resolve(name: str, base: Path | None, seen: tuple[str, ...]) -> dict[str, A
         )
     beneath = _resolve(parent, base=path.parent if is_path else None, seen=(*seen, place))
     merged = merge(beneath, document)
-    leave_to_recording(merged, document, source=name)
+    leave_decided(merged, document, source=name)
     return merged
 
 

@@ -79,7 +79,12 @@ class Groups(Section):
     to four.
     """
 
-    share: Share = later(0.0, "0.2", description="share of the people that walk in groups")
+    share: Share = later(
+        0.0,
+        "0.2",
+        description="share of the people that walk in groups, or the most of it that groups of "
+        "these sizes can hold: nobody where it has fewer people than the smallest",
+    )
     size: Range[Members] = later(
         (2, 4), "0.2", description="people of a group, least and most, drawn per group"
     )

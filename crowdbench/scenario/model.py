@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from crowdbench.messages import Form, explain, quoted
 from crowdbench.scenario import crowd, maps, recorded, room, streams
 from crowdbench.scenario.changes import change
-from crowdbench.scenario.decided import leave_to_recording
+from crowdbench.scenario.decided import leave_decided
 from crowdbench.scenario.digest import digest
 from crowdbench.scenario.errors import ScenarioError
 from crowdbench.scenario.fields import Positive, Section, Text, Whole
@@ -64,11 +64,12 @@ class Scenario(Section):
         """Return a copy with some fields replaced, e.g. ``{"pedestrians.count": 12}``.
 
         Raises:
-            ScenarioError: unknown field, value out of range, or one that a recording decides.
+            ScenarioError: unknown field, value out of range, or one that a recording or an
+                image decides.
         """
         document = self.model_dump()
         change(document, changes)
-        leave_to_recording(document, changes, source=self.name)
+        leave_decided(document, changes, source=self.name)
         return validate(document, source=self.name)
 
     @model_validator(mode="before")

@@ -207,7 +207,7 @@ def _provenance(measured: Measurements, sessions: Sequence[Session]) -> str:
         lines += [
             f"- Machines: {_counted(rows['machine'])}.",
             f"- crowdbench: {_counted(rows['version'])}.",
-            f"- Time inside the agents, over all episodes: {duration(planning)}.",
+            f"- Time inside the agents, over the episodes that have a time: {duration(planning)}.",
             *_untimed(rows),
             f"- Episodes that an error of the agent ended (they count as failures): "
             f"{_failures(measured)}.",
@@ -224,7 +224,10 @@ def _provenance(measured: Measurements, sessions: Sequence[Session]) -> str:
             f"- Software: {escape_markdown(', '.join(versions))}.",
         ]
     else:
-        lines.append("- Total run time: not yet known; `--run` keeps account of it.")
+        lines.append(
+            "- Total run time: not recorded here; `--run` keeps that of the episodes it runs "
+            "beside them, in `sessions/`."
+        )
     weights = rows[rows["weights_sha256"] != ""].groupby("agent", sort=True)["weights_sha256"]
     sets = weights.nunique()
     if len(sets):

@@ -65,6 +65,35 @@ def test_whatever_is_no_scenario_is_unknown(name):
     assert "unknown scenario" in refusal(name)
 
 
+@pytest.mark.parametrize("name", ["hard", "situation"])
+def test_what_a_tier_extends_is_said_to_be_no_scenario(name):
+    told = f"{name!r} is what the scenarios of tier {name!r} extend, and none by itself; allowed: "
+    listed = "those that crowdbench scenarios lists (scenario "
+    assert refusal(name).startswith(f"{told}{listed}{name!r}: robots.start: null; allowed on a map")
+    assert "pedestrians.cout" in refusal(name, **{"pedestrians.cout": 3})
+    assert "tier" not in refusal("open", **{"pedestrians.cout": 3}), "others are scenarios too"
+
+
+def test_a_tier_is_said_to_be_no_scenario():
+    assert refusal("paper") == (
+        "'paper' is a tier, not a scenario; allowed: those that crowdbench scenarios lists in it"
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "kind", "whole"),
+    [
+        ("pedestrians.streams.0.share", "list", "pedestrians.streams=[...], the whole list"),
+        ("pedestrians.count.least", "value", "pedestrians.count=..."),
+        ("time_limit.a.b", "value", "time_limit=..."),
+    ],
+)
+def test_a_key_that_leads_into_a_value_says_how_that_is_set(key, kind, whole):
+    name = whole.partition("=")[0].split(".")[-1]
+    told = f"{key}: {name!r} is a {kind}, not a section; allowed: {whole}"
+    assert refusal("situation_doorway", **{"time_limit": 40, key: 1}) == told
+
+
 def test_a_missing_file_is_named():
     assert refusal("no/such.yaml") == "scenario file 'no/such.yaml' does not exist"
 

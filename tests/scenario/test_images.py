@@ -124,6 +124,28 @@ def test_the_image_is_found_beside_the_file_that_names_it(tmp_path, monkeypatch)
     assert load_scenario(tmp_path / "station.yaml").arena.length == 5.0
 
 
+@pytest.mark.parametrize(("field", "value"), [("length", 99), ("width", 5), ("centre", [0, 0])])
+def test_what_the_image_says_is_not_said_beside_it(tmp_path, field, value):
+    told = rf"': arena\.{field}: {re.escape(str(value))}; the image decides it; allowed with arena"
+    path = write_map(tmp_path)
+    station, mine = tmp_path / "station.yaml", tmp_path / "mine.yaml"
+    text = "extends: multimodal_fast\nrobots: {start: [0.5, 0.5], goal: [4, 1]}\n"
+    arena = "arena: {kind: map, image: room.yaml"
+    station.write_text(f"{text}{arena}, {field}: {value}}}\n")
+    with pytest.raises(ScenarioError, match="station.yaml" + told):
+        load_scenario(station)
+    station.write_text(f"{text}{arena}}}\n")  # beside a size that is inherited
+    mine.write_text(f"extends: station.yaml\narena: {{{field}: {value}}}\n")
+    with pytest.raises(ScenarioError, match="mine.yaml" + told):
+        load_scenario(mine)
+    with pytest.raises(ScenarioError, match="station.yaml" + told):
+        load_scenario(station, **{f"arena.{field}": value})
+    with pytest.raises(ScenarioError, match="multimodal_fast" + told):
+        scenario_of(path, **{f"arena.{field}": value})
+    whole = load_scenario(station)
+    assert load_scenario("unimodal_slow", **whole.model_dump()) == whole
+
+
 @pytest.mark.parametrize(
     ("fields", "told"),
     [

@@ -57,6 +57,13 @@ def test_groups_have_the_sizes_allowed_and_as_many_of_the_share_as_they_can_hold
     assert (np.diff(np.flatnonzero(group >= 0)) == 1).all()
 
 
+def test_nobody_walks_in_groups_where_the_share_has_fewer_people_than_the_smallest():
+    groups = {"share": 1.0, "size": [4, 4]}
+    for count, grouped in ((2, 0), (3, 0), (4, 4), (7, 4)):
+        people = PLAZA.override({"pedestrians": {"count": count, "groups": groups}}).pedestrians
+        assert np.count_nonzero(draw_traits(people, 0).group >= 0) == grouped
+
+
 def test_all_sizes_occur():
     groups = [draw_traits(PLAZA.pedestrians, seed).group for seed in range(60)]
     sizes = [np.unique_counts(group[group >= 0]).counts for group in groups]

@@ -56,6 +56,25 @@ def test_a_robot_that_drives_at_a_wall_touches_it_and_stays_on_its_side(x, slope
     assert info["contact"].kind == "wall"
 
 
+@pytest.mark.parametrize(
+    "outside",
+    [
+        {"arena__walls": [[-12, -6, -12, 6]], "arena__polygons": []},
+        {"arena__walls": [], "arena__polygons": [[[-13, -6], [-12, -6], [-12, 6], [-13, 6]]]},
+    ],
+    ids=["wall", "polygon"],
+)
+def test_what_lies_outside_the_area_is_seen_and_run_into(outside):
+    ends = {"robots__start": [-9, 0], "robots__goal": [9, 0], "robots__speed": [-1, 1]}
+    env = crowdbench.parallel_env(hall(**outside, **ends, pedestrians__count=0))
+    observations, infos = env.reset(seed=0)
+    assert observations["robot_0"]["lidar"].min() == pytest.approx(3.0, abs=0.01)
+    while env.agents:
+        *_, infos = env.step({"robot_0": (-1.0, 0.0)})
+    assert infos["robot_0"]["contact"].kind == "wall"
+    assert env.state()["robot_pose"][0, 0] < env.state()["bounds"][0] == -10
+
+
 @pytest.mark.parametrize("model", ["straight", "orca", "social_force"])
 def test_people_stay_on_their_side_of_every_wall(model):
     scenario = PEOPLE.override({"pedestrians.model": model})

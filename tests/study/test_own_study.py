@@ -178,6 +178,16 @@ def test_what_is_no_study_is_said(place, capsys):
     assert "unknown study 'papers'; did you mean 'paper'?" in text
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--jobs", "2"), ("--executor", "'slurm'"), ("--address", "'head:6379'")],
+)
+def test_options_of_a_run_are_refused_where_nothing_is_run(place, capsys, option, value):
+    told = complaint(capsys, "my_study.py", option, value.strip("'"))
+    assert told == f"{option} {value}: nothing is run; allowed: with --run"
+    assert not (place / "crowdbench-results").exists()
+
+
 def test_installed_studies_are_found_by_name():
     assert "paper" in STUDIES
     assert load_study("paper") is STUDIES["paper"]

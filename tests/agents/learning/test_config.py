@@ -16,6 +16,30 @@ def test_a_decay_without_length_is_refused(decay):
         Config().override({"training.learning_rate_decay": decay})
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"cells": 50}, "cells: expected a whole number >= 16 and a multiple of 16 (got 50)"),
+        ({"cells": 0}, "cells: 0 is out of range; allowed: >= 16 and a multiple of 16"),
+        ({"size": 100.5}, "size: 100.5 is out of range; allowed: > 0 and <= 100"),
+        (
+            {"size": 5.0, "ahead": 5.5},
+            "ahead: 5.5 m leave the robot out of the map; allowed: 0 to 5.0 (size)",
+        ),
+    ],
+)
+def test_a_map_has_cells_for_the_encoder_and_the_robot_in_it(changes, told):
+    with pytest.raises(ConfigError) as caught:
+        Config().override({f"perception.{name}": value for name, value in changes.items()})
+    assert str(caught.value) == f"override: perception.{told}"
+
+
+@pytest.mark.parametrize(("size", "ahead"), [(6, 4), (9, 6), (100, 100), (6, 0)])
+def test_a_robot_may_be_anywhere_from_the_rear_edge_of_the_map_to_the_front(size, ahead):
+    seen = Config().override({"perception.size": size, "perception.ahead": ahead}).perception
+    assert (seen.size, seen.ahead) == (size, ahead)
+
+
 @pytest.mark.parametrize("tiers", [["papper"], [], "paper", ["hard", "hard"], None, [["hard"]]])
 def test_tiers_are_a_list_of_known_ones_each_once(tiers):
     with pytest.raises(ConfigError, match=r"training\.tiers: expected a list of paper, hard, sit"):
