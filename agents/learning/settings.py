@@ -59,10 +59,10 @@ class RunSettings(NamedTuple):
 
     def changes(self, before: RunSettings) -> list[str]:
         """Each field of the configuration that is no longer what it was, as a line."""
-        then = before.config.model_dump()
+        then = before.config.model_dump(mode="json")
         return [
             f"{section}.{name}: {setting(value)} from here on, {setting(old)} before"
-            for section, fields in self.config.model_dump().items()
+            for section, fields in self.config.model_dump(mode="json").items()
             for name, value in fields.items()
             if value != (old := then[section][name])
         ]
