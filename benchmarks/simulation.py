@@ -236,10 +236,10 @@ def main() -> None:
         parser.error(f"--peers: {arguments.peers}: no such program")
     if arguments.peers:
         imported = [arguments.peers, "-c", "import irsim, navground.learning"]
-        if subprocess.run(imported, capture_output=True, check=False).returncode:
-            parser.error(
-                f"--peers: {arguments.peers}: has not both peers (see benchmarks/peers.py)"
-            )
+        tried = subprocess.run(imported, capture_output=True, text=True, check=False)
+        if tried.returncode:
+            reason = (tried.stderr.strip().splitlines() or ["no Python"])[-1]
+            parser.error(f"--peers: {arguments.peers}: {reason}; see benchmarks/peers.py")
         compare_with_peers(arguments.peers, console)
         return
     if arguments.tier:

@@ -198,8 +198,8 @@ def spread(measured: Measurements) -> Figure | None:
     axis.set_ylim(len(scenarios) - 0.5, -0.5)
     count = sum(any(led[metric][name].apart for metric in led) for name in asked)
     figure.suptitle(
-        f"The best two differ by more than {APART:g} in success or SPL in {count} of {len(asked)} "
-        "scenarios",
+        f"The best two differ by more than {APART:g} (p < {SIGNIFICANCE:g}) in success or SPL in "
+        f"{count} of {len(asked)} scenarios",
         fontsize=8,
     )
     handles, labels = axis.get_legend_handles_labels()
@@ -236,16 +236,16 @@ STUDY = Study(
             "1",
             "Both families, the episodes of all their scenarios",
             QUANTITIES,
-            "Time: of the episodes in which an agent arrives; who seldom does is timed where it is "
-            "easy. At fault: the share of its collisions in which the robot drove into what it "
-            "touched.",
+            "Time: of the episodes in which an agent arrives, which are the easier ones where it "
+            "seldom does. At fault: the share of its collisions in which the robot drove into what "
+            "it touched.",
         ),
         _both(
             "2",
             "What the robot costs people",
             DISTURBANCES,
             "By chance: the same of people without the robot whom a push of 1 mm has disturbed. "
-            "Who fails early is gone sooner, and costs people less.",
+            "Who fails early is in people's way for less long.",
         ),
         _each("3", "Crowds, each", CROWDS),
         _each("4", "Situations, each", SITUATIONS),
@@ -269,7 +269,7 @@ STUDY = Study(
             "Success over the mean time by which people are behind where they would be without "
             "the robot (below 0: ahead), over all scenarios, with 95 % intervals; grey: the same "
             "of people whom a push of 1 mm has disturbed, and no robot. Hollow: rungs of knowledge "
-            "and the straight line. Only who has run everywhere in full is shown.",
+            "and the straight line. Agents that have not run everywhere in full are not shown.",
             lambda measured, folder: costs(measured),
         ),
         Drawing(
@@ -285,18 +285,18 @@ STUDY = Study(
     introduction=(
         "Every agent among people as they walk, with a robot as one can buy: noise, dropouts, "
         "limits on acceleration, commands that act one period late. `neupan`, `orca` and "
-        "`dynamic_window` were tuned for such a robot, in half of these scenarios on other seeds. "
+        "`dynamic_window` were tuned for such a robot in these scenarios, on other seeds. "
         "`sac`, `tdmpc` and `latent_planner` drive with the weights of the paper's twelve "
-        "scenarios, whose robot has no such limits. What the metrics are says docs/metrics.md, "
-        "what the scenarios are docs/scenarios.md."
+        "scenarios, whose robot has no such limits. The metrics are defined in docs/metrics.md, "
+        "the scenarios described in docs/scenarios.md."
     ),
     reading=(
         "Below the agents stand, as bounds, the rungs of knowledge: one planner, `informed`, that "
         "knows exactly where people are and how fast, of everybody or of those in view of a LiDAR "
-        "at the robot's place. Of what they will do it knows everything, or how they walk and "
-        "change their minds but not their goals (`intent=sampled`), or nothing, and takes them to "
-        "walk on as they do (`intent=velocity`): docs/informed.md. So there are two ladders, of "
-        "sight and of foresight. `straight_line` ignores people."
+        "at the robot's place. It also knows all that they will do, or how they walk and change "
+        "their minds but not their goals (`intent=sampled`), or takes them to walk on as they do "
+        "(`intent=velocity`): docs/informed.md. So there are two ladders, of sight and of "
+        "foresight. `straight_line` ignores people."
     ),
     shown=("1", "2", "figure_costs", "figure_spread"),
 )

@@ -245,6 +245,12 @@ def test_publish_says_what_it_has_changed(local, tmp_path, capsys):
     other.add("orca", SCENARIO, spl=[0.25], fixed={"weights_sha256": "ff"})
     assert main([*command, "other"]) == 1
     assert "not published: orca in unimodal_slow: other weights, code" in said(capsys)
+    of_others = Episodes(tmp_path / "others")
+    of_others.add("orca", "corridor_dense", spl=[0.25])
+    assert main([*command, "others"]) == 2
+    assert "others: no episode is stored here that study 'mine.py' asks for" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_publish_works_in_a_checkout_only(local, tmp_path, record, capsys):

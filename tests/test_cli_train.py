@@ -45,10 +45,23 @@ def test_train_hands_over_to_the_agents_trainer(monkeypatch, capsys):
         "overrides": {"training.batch": 8},
     }
     assert main(["train", "fake", "--resume", "--steps", "100"]) == 0
-    own = {"social", "device", "actors"}
+    own = {"seed", "social", "device", "actors"}
     assert own.isdisjoint(trainers.asked), "the trainer's own defaults"
     assert (trainers.asked["resume"], trainers.asked["steps"]) == (True, 100)
     assert "runs/fake" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [[], ["--resume"]])
+def test_a_trainer_without_a_seed_of_its_own_begins_and_goes_on_with_0(monkeypatch, options):
+    trainers, seeds = Trainers(), []
+    monkeypatch.setattr(importlib.metadata, "entry_points", trainers)
+
+    def train(name, minutes, steps, resume, seed, overrides):
+        seeds.append(seed)
+
+    monkeypatch.setattr(trainers, "train", train)
+    assert main(["train", "fake", *options]) == 0
+    assert seeds == [0]
 
 
 def test_device_and_actors_are_asked_of_trainers_that_know_them(monkeypatch, capsys):

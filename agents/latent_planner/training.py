@@ -35,7 +35,7 @@ def train(
         overrides: fields of the shipped configuration, e.g. ``{"training.batch": 64}``.
     """
     return training.train(
-        KIND, name, RunSettings(load_config()),
+        KIND, name, RunSettings("latent_planner", load_config()),
         overrides=overrides, minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
         device=device, actors=actors,
     )  # fmt: skip

@@ -230,16 +230,6 @@ def run_name(name: str) -> str:
     return name
 
 
-def require_run(folder: Path) -> None:
-    """Make sure that there is a run to go on with.
-
-    Raises:
-        TrainingError: there is none.
-    """
-    if not (folder / CHECKPOINT).is_file():
-        raise TrainingError(f"nothing to resume: {folder / CHECKPOINT} does not exist")
-
-
 @contextmanager
 def run_folder(folder: Path, resume: bool) -> Iterator[None]:
     """Make a run's folder and keep other processes out of it.
@@ -250,9 +240,10 @@ def run_folder(folder: Path, resume: bool) -> Iterator[None]:
         TrainingError: there is a run and ``resume`` is not asked for, or the reverse, another
             process is training it, or the folder cannot be written to.
     """
-    if resume:
-        require_run(folder)
-    elif (folder / CHECKPOINT).is_file():
+    there = (folder / CHECKPOINT).is_file()
+    if resume and not there:
+        raise TrainingError(f"nothing to resume: {folder / CHECKPOINT} does not exist")
+    if not resume and there:
         raise TrainingError(f"{folder} holds a run; resume it, or remove or rename the folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -16,9 +16,7 @@ from crowdbench_agents.learning.checkpoints import (
     require_fitting,
     save_checkpoint,
 )
-from crowdbench_agents.learning.config import Config
 from crowdbench_agents.learning.demonstrations import Demonstrations, open_replay
-from crowdbench_agents.learning.detour import require_straight_ways
 from crowdbench_agents.learning.errors import to_disk
 from crowdbench_agents.learning.journal import Journal
 from crowdbench_agents.learning.kind import Kind
@@ -41,9 +39,7 @@ class TrainingRun:
     Args:
         kind: of agent.
         folder: of the run.
-        config: all settings.
-        seed: of parameters, episodes and exploration.
-        social: whether the reward includes the social term.
+        settings: what decides what it learns.
         device: where networks are trained.
         actors: processes that act; with 0 this one does, in turn with learning.
 
@@ -56,32 +52,30 @@ class TrainingRun:
         self,
         kind: Kind,
         folder: Path,
-        config: Config,
-        seed: int,
-        social: bool,
+        settings: RunSettings,
         device: torch.device,
         actors: int,
     ) -> None:
-        settings = config.training
+        config, seed, social = settings.config, settings.seed, settings.social
+        training = config.training
         self.form, self.folder, self.config = kind.form, folder, config
-        self._settings = RunSettings(config, seed, social)
-        self._worlds = training_worlds(settings)
+        self._settings = settings
+        self._worlds = training_worlds(training)
         self.sampler = ScenarioSampler(seed, self._worlds)
         self.digests = digests(self._worlds)
-        require_straight_ways(settings.detour_price, self._worlds)
         self.rng = np.random.default_rng([seed, 2])
         robot = robot_of(self._worlds)
         self.replay = open_replay(folder, config, robot, social)
         self.demonstrations: Demonstrations | None = None
-        if settings.demonstrations:
+        if training.demonstrations:
             self.demonstrations = Demonstrations(folder.parent, config, social, self._worlds)
         self.facts = {
             "run": folder.name, "seed": seed, "social": social, "scenarios": self.digests,
             "robot": TrainedRobot.of(robot).model_dump(),
-            "arithmetic": describe_precision(settings.bfloat16, device.type),
+            "arithmetic": describe_precision(training.bfloat16, device.type),
         }  # fmt: skip
         self.seconds, self.best = 0.0, -1.0
-        self.needed = settings.warmup
+        self.needed = training.warmup
         self.learner = kind.learner(config, seed, device)
         self.acting = self._make_acting(kind, seed, actors)
 

@@ -16,11 +16,13 @@ class RunSettings(NamedTuple):
     """All that decides what a run learns.
 
     Attributes:
+        agent: who is trained.
         config: its configuration.
         seed: of parameters, episodes and exploration.
         social: whether the reward includes the social term.
     """
 
+    agent: str
     config: Config
     seed: int = 0
     social: bool = True
@@ -33,10 +35,10 @@ class RunSettings(NamedTuple):
         Raises:
             ConfigError: unknown field or value out of range.
         """
-        return RunSettings(
-            self.config.override(overrides),
-            self.seed if seed is None else seed,
-            self.social if social is None else social,
+        return self._replace(
+            config=self.config.override(overrides),
+            seed=self.seed if seed is None else seed,
+            social=self.social if social is None else social,
         )
 
     def continued(
@@ -48,13 +50,16 @@ class RunSettings(NamedTuple):
             ConfigError: unknown field or value out of range.
             TrainingError: another seed or reward than the run was begun with.
         """
-        asked = {"--seed": (seed, self.seed), "--social": (social, self.social)}
-        for option, (now, then) in asked.items():
-            if now not in (None, then):
-                raise TrainingError(
-                    f"{option}: the run was begun with {setting(then)}, not {setting(now)}; resume "
-                    "it without, or train under a new name"
-                )
+        if seed not in (None, self.seed):
+            raise TrainingError(
+                f"--seed {seed}: the run was begun with {self.seed}; leave it out, or train under "
+                "a new name"
+            )
+        if social not in (None, self.social):
+            option = "--social" if social else "--no-social"
+            raise TrainingError(
+                f"{option}: the run was begun otherwise; leave it out, or train under a new name"
+            )
         return self._replace(config=self.config.override(overrides))
 
     def changes(self, before: RunSettings) -> list[str]:
@@ -69,9 +74,7 @@ class RunSettings(NamedTuple):
 
     def document(self) -> dict[str, Any]:
         """As mappings, lists, numbers and text."""
-        return {
-            "config": self.config.model_dump(mode="json"), "seed": self.seed, "social": self.social
-        }  # fmt: skip
+        return self._asdict() | {"config": self.config.model_dump(mode="json")}
 
     @classmethod
     def read(cls, document: Mapping[str, Any], source: str) -> RunSettings:
@@ -80,8 +83,7 @@ class RunSettings(NamedTuple):
         Raises:
             ConfigError: fields that there no longer are; the message names the source.
         """
-        config = parse_config(document["config"], source)
-        return cls(config, document["seed"], document["social"])
+        return cls(**{**document, "config": parse_config(document["config"], source)})
 
 
 def require_expert(settings: Training) -> None:

@@ -18,11 +18,11 @@ import torch
 from crowdbench_agents.learning.checkpoints import (
     CHECKPOINT,
     load_checkpoint,
-    require_run,
     require_same_scenarios,
     run_folder,
     run_name,
 )
+from crowdbench_agents.learning.detour import require_straight_ways
 from crowdbench_agents.learning.device import (
     describe_actors,
     find_actors,
@@ -89,46 +89,46 @@ def train(
     where = find_device(device)
     folder, curve = RUNS / run_name(name), CURVES / f"{name}.csv"
     asked = overrides or {}, seed, social
-    # All that can be refused is, before anything is made or removed.
-    if resume:
-        settings, changes = _continued(folder, kind, *asked)
-    else:
-        settings, changes = defaults.chosen(*asked), []
-    config = settings.config
-    require_expert(config.training)
-    count = find_actors(actors, config.training.environments, where)
     try:
-        with run_folder(folder, resume):
+        with ExitStack() as stack:
+            # What cannot begin is refused before anything is made or removed.
+            if resume:
+                stack.enter_context(run_folder(folder, resume))
+                settings, changes = _continued(folder, kind, defaults.agent, *asked)
+            else:
+                settings, changes = defaults.chosen(*asked), []
+            config = settings.config
+            require_expert(config.training)
+            require_straight_ways(config.training.detour_price, training_worlds(config.training))
+            count = find_actors(actors, config.training.environments, where)
+            if not resume:
+                stack.enter_context(run_folder(folder, resume))
             keep_freed_memory()
             torch.set_num_threads(learner_threads(count, where))
             total = minutes * 60 if minutes is not None else steps if steps is not None else np.inf
-            with Journal(name, folder, curve, total) as journal, ExitStack() as stack:
-                stopping = stack.enter_context(stop_on_signals())
-                run = TrainingRun(kind, folder, *settings, where, count)
-                if resume:
-                    run.restore()
-                else:
-                    curve.unlink(missing_ok=True)
-                for change in changes:
-                    journal.say(change)
-                if run.demonstrations is not None:
-                    wanted = config.training.demonstrations
-                    run.demonstrations.record(
-                        lambda there: journal.recorded(there, wanted), stopping
-                    )
-                arithmetic = run.facts["arithmetic"]
-                journal.say(
-                    f"{where.type}, {describe_actors(count)}, networks learn in {arithmetic}"
-                )
-                try:
-                    if not stopping():
-                        _loop(run, journal, minutes, steps, stopping)
-                finally:
-                    run.close()
-                if stopping():
-                    journal.say("stopped; --resume continues this run")
-                run.save()
-                run.export("last", {"steps": run.steps, "seconds": run.seconds})
+            journal = stack.enter_context(Journal(name, folder, curve, total))
+            stopping = stack.enter_context(stop_on_signals())
+            run = TrainingRun(kind, folder, settings, where, count)
+            if resume:
+                run.restore()
+            else:
+                curve.unlink(missing_ok=True)
+            for change in changes:
+                journal.say(change)
+            if run.demonstrations is not None:
+                wanted = config.training.demonstrations
+                run.demonstrations.record(lambda there: journal.recorded(there, wanted), stopping)
+            arithmetic = run.facts["arithmetic"]
+            journal.say(f"{where.type}, {describe_actors(count)}, networks learn in {arithmetic}")
+            try:
+                if not stopping():
+                    _loop(run, journal, minutes, steps, stopping)
+            finally:
+                run.close()
+            if stopping():
+                journal.say("stopped; --resume continues this run")
+            run.save()
+            run.export("last", {"steps": run.steps, "seconds": run.seconds})
     except torch.OutOfMemoryError as error:
         raise TrainingError(
             f"device: the memory of the GPU does not suffice ({short(str(error))}); lower "
@@ -140,6 +140,7 @@ def train(
 def _continued(
     folder: Path,
     kind: Kind,
+    agent: str,
     overrides: Mapping[str, Any],
     seed: int | None,
     social: bool | None,
@@ -149,9 +150,10 @@ def _continued(
     Raises:
         ConfigError, TrainingError: it cannot go on, as asked for or at all.
     """
-    require_run(folder)
     state, scenarios = load_checkpoint(folder, kind.form)
     before = RunSettings.read(state["settings"], f"{folder / CHECKPOINT}: the run's settings")
+    if before.agent != agent:
+        raise TrainingError(f"{folder}: is a run of {before.agent}, not of {agent}")
     settings = before.continued(overrides, seed, social)
     now = digests(training_worlds(settings.config.training))
     require_same_scenarios(folder, scenarios, now)

@@ -36,7 +36,7 @@ def train(
 ) -> Path:
     """Train the TD-MPC-style baseline; arguments as for the latent planner."""
     return training.train(
-        KIND, name, RunSettings(load_config().override(DIFFERENCES), social=False),
+        KIND, name, RunSettings("tdmpc", load_config().override(DIFFERENCES), social=False),
         overrides=overrides, minutes=minutes, steps=steps, resume=resume, seed=seed, social=social,
         device=device, actors=actors,
     )  # fmt: skip

@@ -16,6 +16,7 @@ from crowdbench.cli.common import (
     out,
     require_writable_record,
 )
+from crowdbench.messages import short
 
 if TYPE_CHECKING:
     from crowdbench.evaluation.publish import Change
@@ -49,6 +50,11 @@ def publish(
     require_writable_record(record, "publish")
     require_episodes(results)
     outcome = publish_plan(plan, results, record)
+    if not outcome.changes and not outcome.refused:
+        raise UserError(
+            f"{results}: no episode is stored here that study {short(study)} asks for, of its "
+            "scenarios as they are now"
+        )
     console = out()
     for change in outcome.changes:
         console.print(_told(change), markup=False, soft_wrap=True)

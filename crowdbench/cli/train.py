@@ -67,7 +67,7 @@ def train(
     The run goes to runs/NAME, its curve to results/training/NAME.csv.
     """
     function = Trainer(trainer)
-    if seed is None and not resume:
+    if seed is None and function.needs("seed"):
         seed = 0
     asked = {"seed": seed, "social": social, "device": device, "actors": actors}
     # Trainers have defaults of their own, and need not know what is not asked for.

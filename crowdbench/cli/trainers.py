@@ -41,6 +41,11 @@ class Trainer:
         takes_all = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
         return argument in parameters or takes_all
 
+    def needs(self, argument: str) -> bool:
+        """Whether it has no default for an argument."""
+        parameter = inspect.signature(self._function).parameters.get(argument)
+        return parameter is not None and parameter.default is parameter.empty
+
     def train(self, arguments: Mapping[str, Any]) -> Path:
         """Train once; returns the run's folder.
 

@@ -45,7 +45,7 @@ def leave_decided(document: dict[str, Any], own: Mapping[str, Any], source: str)
         ScenarioError: a field is set that the recording or the image decides.
     """
     people, arena = document.get("pedestrians"), document.get("arena")
-    if isinstance(arena, dict) and arena.get("image"):
+    if isinstance(arena, dict) and arena.get("kind") == "map" and arena.get("image"):
         _refuse("arena", Arena, (*_EXTENT, "centre"), own, source, _OF_IMAGE)
     if not isinstance(people, dict) or people.get("model") != "recorded":
         return

@@ -109,8 +109,8 @@ def _complete(document: dict[str, Any], name: str) -> Scenario:
             raise
         tier = _resolve(name, base=None, seen=())["tier"]
         raise ScenarioError(
-            f"{quoted(name)} is what the scenarios of tier {tier!r} extend, and none by itself; "
-            f"allowed: those that crowdbench scenarios lists ({error})"
+            f"{error}; {quoted(name)} alone is no scenario but what those of tier {tier!r} extend; "
+            "crowdbench scenarios lists them"
         ) from error
 
 

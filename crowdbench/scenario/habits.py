@@ -82,8 +82,8 @@ class Groups(Section):
     share: Share = later(
         0.0,
         "0.2",
-        description="share of the people that walk in groups, or the most of it that groups of "
-        "these sizes can hold: nobody where it has fewer people than the smallest",
+        description="share of the people that walk in groups: as many whole groups as it has "
+        "people for",
     )
     size: Range[Members] = later(
         (2, 4), "0.2", description="people of a group, least and most, drawn per group"

@@ -64,8 +64,8 @@ class Scenario(Section):
         """Return a copy with some fields replaced, e.g. ``{"pedestrians.count": 12}``.
 
         Raises:
-            ScenarioError: unknown field, value out of range, or one that a recording or an
-                image decides.
+            ScenarioError: unknown field, value out of range, or one that a recording decides. A
+                map that was read from an image is one of polygons, and can be changed like one.
         """
         document = self.model_dump()
         change(document, changes)

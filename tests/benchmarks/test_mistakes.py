@@ -20,7 +20,7 @@ FOLDER = Path(__file__).parents[2] / "benchmarks"
         ("crossing", ["nowhere", "--page", "none.md"], "--page: none.md: no such file"),
         ("simulation", ["hard_statoin"], "unknown scenario 'hard_statoin'; did you mean 'hard_st"),
         ("simulation", ["--peers", "/no/python"], "--peers: /no/python: no such program"),
-        ("simulation", ["--peers", "false"], "--peers: false: has not both peers"),
+        ("simulation", ["--peers", "false"], "--peers: false: no Python; see"),
         ("crossing", ["nowhere"], "'nowhere/juelich/bidirectional_corridor_400_b_03.txt': No such"),
         ("crossing", ["nowhere", "--episodes", "0"], "--episodes: 0; allowed: 1 or more"),
     ],

@@ -67,9 +67,12 @@ def test_whatever_is_no_scenario_is_unknown(name):
 
 @pytest.mark.parametrize("name", ["hard", "situation"])
 def test_what_a_tier_extends_is_said_to_be_no_scenario(name):
-    told = f"{name!r} is what the scenarios of tier {name!r} extend, and none by itself; allowed: "
-    listed = "those that crowdbench scenarios lists (scenario "
-    assert refusal(name).startswith(f"{told}{listed}{name!r}: robots.start: null; allowed on a map")
+    message = refusal(name)
+    assert message.startswith(f"scenario {name!r}: robots.start: null; allowed on a map")
+    assert message.endswith(
+        f"; {name!r} alone is no scenario but what those of tier {name!r} extend; crowdbench "
+        "scenarios lists them"
+    )
     assert "pedestrians.cout" in refusal(name, **{"pedestrians.cout": 3})
     assert "tier" not in refusal("open", **{"pedestrians.cout": 3}), "others are scenarios too"
 

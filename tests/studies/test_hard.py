@@ -113,9 +113,8 @@ def test_the_spread_counts_scenarios_and_joins_who_differs():
         "neupan": {"success": ones, "spl": 0.9 * ones},
     }
     figure = spread(measured(values, scenarios))
-    assert figure.get_suptitle() == (
-        "The best two differ by more than 0.05 in success or SPL in 3 of 3 scenarios"
-    )
+    told = "The best two differ by more than 0.05 (p < 0.05) in success or SPL in 3 of 3 scenarios"
+    assert figure.get_suptitle() == told
     success, spl = figure.axes
     joined = [line.get_xdata() for line in spl.lines if line.get_marker() == "None"]
     assert np.allclose(joined, [[0.9, 0.8]] * 3)

@@ -40,6 +40,15 @@ def test_a_robot_may_be_anywhere_from_the_rear_edge_of_the_map_to_the_front(size
     assert (seen.size, seen.ahead) == (size, ahead)
 
 
+@pytest.mark.parametrize("value", [float("inf"), float("nan")])
+@pytest.mark.parametrize(
+    "name", ["training.gradient_clip", "loss.entropy_target", "perception.size"]
+)
+def test_numbers_are_finite_as_checkpoints_are(name, value):
+    with pytest.raises(ConfigError, match=name):
+        Config().override({name: value})
+
+
 @pytest.mark.parametrize("tiers", [["papper"], [], "paper", ["hard", "hard"], None, [["hard"]]])
 def test_tiers_are_a_list_of_known_ones_each_once(tiers):
     with pytest.raises(ConfigError, match=r"training\.tiers: expected a list of paper, hard, sit"):

@@ -12,6 +12,7 @@ from crowdbench_agents.learning.detour import require_straight_ways
 from crowdbench_agents.learning.errors import TrainingError
 from crowdbench_agents.learning.experts import Experts
 from crowdbench_agents.learning.run import TrainingRun
+from crowdbench_agents.learning.settings import RunSettings
 from crowdbench_agents.learning.worlds import as_they_are
 from crowdbench_agents.sac.learner import Learner
 from crowdbench_agents.sac.networks import FORMAT, load_actor
@@ -23,7 +24,7 @@ import crowdbench
 
 def distance_from_expert(folder, config):
     """Mean squared distance of the actor from the demonstrations, before and after training."""
-    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0)
+    run = TrainingRun(KIND, folder / "run", RunSettings("sac", config), torch.device("cpu"), 0)
     run.demonstrations.record([].append, lambda: False)
     run.learner.count, actor = 64, run.learner.actor
     batch = run.demonstrations.sample(400, 1, np.random.default_rng(0))
@@ -52,17 +53,14 @@ def test_without_the_weight_of_the_expert_it_does_not(in_empty_folder, tiny):
     assert after > 0.5 * before
 
 
-def test_where_a_map_is_trained_in_detours_have_no_price(in_empty_folder, tiny, monkeypatch):
-    def make(**changes):
-        TrainingRun(KIND, in_empty_folder / "run", tiny(**changes), 0, True, torch.device("cpu"), 0)
-
-    priced = {"training.detour_price": 5.0}
-    make(**priced)
+def test_where_a_map_is_trained_in_detours_have_no_price(in_empty_folder, overrides, monkeypatch):
     monkeypatch.setattr(crowdbench, "scenario_names", lambda tier: ["situation_blind_corner"])
     allowed = r"training\.detour_price: 5; allowed: 0 where 'situation_blind_corner' is trained in"
     with pytest.raises(TrainingError, match=allowed):
-        make(**priced)
+        train("priced", steps=20, overrides=overrides | {"training.detour_price": 5.0}, actors=0)
+    assert not list(in_empty_folder.iterdir()), "refused before anything is made"
     require_straight_ways(0.0, as_they_are(["situation_blind_corner"]))
+    require_straight_ways(5.0, as_they_are(["unimodal_slow"]))
 
 
 def counters_of(folder):
@@ -72,7 +70,7 @@ def counters_of(folder):
 
 def acted(folder, config, steps=20):
     """A run that has acted for some steps."""
-    run = TrainingRun(KIND, folder / "run", config, 0, True, torch.device("cpu"), 0)
+    run = TrainingRun(KIND, folder / "run", RunSettings("sac", config), torch.device("cpu"), 0)
     run.begin(print, lambda: False)
     for _ in range(steps):
         run.step()
@@ -81,7 +79,9 @@ def acted(folder, config, steps=20):
 
 
 def test_weights_that_have_no_room_are_named_and_leave_those_before(in_empty_folder, tiny):
-    run = TrainingRun(KIND, in_empty_folder / "run", tiny(), 0, True, torch.device("cpu"), 0)
+    run = TrainingRun(
+        KIND, in_empty_folder / "run", RunSettings("sac", tiny()), torch.device("cpu"), 0
+    )
     run.export("best", {"steps": 1})
     before = {path: path.read_bytes() for path in run.folder.glob("*.safetensors")}
     told = r"best.safetensors: could not be written \(File too large\); make room on the disk"
