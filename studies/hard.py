@@ -44,13 +44,10 @@ QUANTITIES = (
     Quantity("near_misses_per_min", "Near misses [1/min]", digits=2),
     Quantity("robot_at_fault", "At fault in collisions", digits=2),
 )
-DISTURBANCES = (
-    Quantity("delay", "Delay [s]", digits=3),
-    Quantity("delay_by_chance", "Delay by chance [s]", digits=3),
-    Quantity("detour", "Detour [m]", digits=3),
-    Quantity("detour_by_chance", "Detour by chance [m]", digits=3),
-    Quantity("displacement", "Displacement [m]", digits=2),
-    Quantity("displacement_by_chance", "Displacement by chance [m]", digits=2),
+DISTURBANCES = tuple(
+    Quantity(f"{name}{ending}", f"{name.capitalize()}{words} [{unit}]", digits=digits)
+    for name, unit, digits in (("delay", "s", 3), ("detour", "m", 3), ("displacement", "m", 2))
+    for ending, words in (("", ""), ("_by_chance", " by chance"))
 )
 CROWDS, SITUATIONS = scenario_names("hard"), scenario_names("situation")
 LADDER = ("informed", "informed:intent=sampled", "informed:intent=velocity")

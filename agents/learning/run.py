@@ -12,7 +12,6 @@ from crowdbench_agents.learning.acting import Acting, InProcess
 from crowdbench_agents.learning.actors import Actors
 from crowdbench_agents.learning.batch import Batch, join
 from crowdbench_agents.learning.checkpoints import (
-    load_checkpoint,
     require_fitting,
     save_checkpoint,
 )
@@ -221,15 +220,14 @@ class TrainingRun:
         }
         save_checkpoint(self.folder, state, self.digests, self.form)
 
-    def restore(self) -> None:
-        """Continue from the checkpoint in the run's folder.
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from the state of the checkpoint in the run's folder.
 
         Where the replay is not there, it is filled again before the next update.
 
         Raises:
-            TrainingError: it is damaged, or of another version or other networks.
+            TrainingError: it is of other networks.
         """
-        state = load_checkpoint(self.folder, self.form).state
         require_fitting(self.folder, state, {"learner": self.learner.state()})
         self.rng.bit_generator.state = state["rng"]
         counters, sampler = state["counters"], state["sampler"]

@@ -94,12 +94,22 @@ def train(
             # What cannot begin is refused before anything is made or removed.
             if resume:
                 stack.enter_context(run_folder(folder, resume))
-                settings, changes = _continued(folder, kind, defaults.agent, *asked)
+                state, scenarios = load_checkpoint(folder, kind.form)
+                source = f"{folder / CHECKPOINT}: the run's settings"
+                before = RunSettings.read(state["settings"], source)
+                if before.agent != defaults.agent:
+                    raise TrainingError(
+                        f"{folder}: is a run of {before.agent}, not of {defaults.agent}"
+                    )
+                settings = before.continued(*asked)
             else:
-                settings, changes = defaults.chosen(*asked), []
+                before = settings = defaults.chosen(*asked)
             config = settings.config
+            worlds = training_worlds(config.training)
+            if resume:
+                require_same_scenarios(folder, scenarios, digests(worlds))
             require_expert(config.training)
-            require_straight_ways(config.training.detour_price, training_worlds(config.training))
+            require_straight_ways(config.training.detour_price, worlds)
             count = find_actors(actors, config.training.environments, where)
             if not resume:
                 stack.enter_context(run_folder(folder, resume))
@@ -110,10 +120,10 @@ def train(
             stopping = stack.enter_context(stop_on_signals())
             run = TrainingRun(kind, folder, settings, where, count)
             if resume:
-                run.restore()
+                run.restore(state)
             else:
                 curve.unlink(missing_ok=True)
-            for change in changes:
+            for change in settings.changes(before):
                 journal.say(change)
             if run.demonstrations is not None:
                 wanted = config.training.demonstrations
@@ -135,29 +145,6 @@ def train(
             "training.batch or use --device cpu"
         ) from error
     return folder
-
-
-def _continued(
-    folder: Path,
-    kind: Kind,
-    agent: str,
-    overrides: Mapping[str, Any],
-    seed: int | None,
-    social: bool | None,
-) -> tuple[RunSettings, list[str]]:
-    """The settings of a run that goes on, and a line for each that changes.
-
-    Raises:
-        ConfigError, TrainingError: it cannot go on, as asked for or at all.
-    """
-    state, scenarios = load_checkpoint(folder, kind.form)
-    before = RunSettings.read(state["settings"], f"{folder / CHECKPOINT}: the run's settings")
-    if before.agent != agent:
-        raise TrainingError(f"{folder}: is a run of {before.agent}, not of {agent}")
-    settings = before.continued(overrides, seed, social)
-    now = digests(training_worlds(settings.config.training))
-    require_same_scenarios(folder, scenarios, now)
-    return settings, settings.changes(before)
 
 
 def _loop(
