@@ -1,6 +1,7 @@
 """The commands know the published record: nothing has to be run to compare with it."""
 
 import json
+import shutil
 import webbrowser
 
 import pytest
@@ -15,6 +16,7 @@ from crowdbench.evaluation.publish import publish as publish_plan
 from crowdbench.evaluation.record import write_cell
 from crowdbench.evaluation.results import load_results
 from crowdbench.site.website import Site
+from crowdbench.study.sessions import Account
 
 SCENARIO = "unimodal_slow"
 
@@ -179,6 +181,30 @@ def test_tables_are_made_from_the_record_and_ones_own_rows(publish, local, tmp_p
     assert "0.25" in path.read_text() and "0.75" not in path.read_text()
     assert main(["tables", "mine.py", "--results", "crowdbench-results"]) == 0
     assert "0.75" in path.read_text() and "0.25" not in path.read_text()
+
+
+def test_a_page_counts_the_runs_of_published_and_of_ones_own_rows(publish, local, tmp_path):
+    def run(folder, episodes):
+        folder.mkdir(exist_ok=True)
+        account = Account(folder, "hard", clock=lambda: 0.0)
+        for _ in range(episodes):
+            account.count("a machine", 2)
+        account.write()
+
+    publish("orca", "hard_station", success=[1, 1])
+    run(tmp_path / "results", 2)
+    local.folder = tmp_path / "crowdbench-results"
+    local.add("orca", "situation_queue", success=[1])
+    run(local.folder, 1)
+    page = tmp_path / "results" / "studies" / "hard" / "README.md"
+    assert main(["tables", "hard"]) == 0
+    assert "for 3 episodes" in page.read_text() and "in 2 sessions" in page.read_text()
+    # What has been published since still lies beside one's own, and counts once.
+    shutil.copytree(
+        local.folder / "sessions", tmp_path / "results" / "sessions", dirs_exist_ok=True
+    )
+    assert main(["tables", "hard"]) == 0
+    assert "in 2 sessions" in page.read_text()
 
 
 def test_a_study_that_comes_along_goes_beside_the_published_ones(publish, local, tmp_path):

@@ -72,7 +72,7 @@ def tables(
     target = place if study == DEFAULT_STUDY else place / "studies" / wanted.name
     complete = not run or _run(wanted, folder, jobs, results is not None, executor, address)
     begun = time.perf_counter()
-    written = write_study(wanted, home, target, rows_for(results))
+    written = write_study(wanted, home, target, rows_for(results), accounts=[home, folder])
     console = out()
     for filled in written.tables:
         console.print(terminal(filled))

@@ -14,7 +14,7 @@ from crowdbench.study.formats import csv_text, latex, markdown
 from crowdbench.study.measurements import Measurements
 from crowdbench.study.model import Study
 from crowdbench.study.page import write_page
-from crowdbench.study.sessions import load_sessions
+from crowdbench.study.sessions import Session, load_sessions
 from crowdbench.study.tables import Filled, fill_all
 from crowdbench.study.verdicts import claims_csv, differences_csv, orders_csv, weights_csv
 
@@ -37,15 +37,20 @@ class Written(NamedTuple):
 
 
 def write_study(
-    study: Study, source: Path, target: Path, rows: pd.DataFrame | None = None
+    study: Study,
+    source: Path,
+    target: Path,
+    rows: pd.DataFrame | None = None,
+    accounts: Sequence[Path] | None = None,
 ) -> Written:
     """Write tables, verdicts, figures and README.md; the same episodes give the same bytes.
 
     Args:
         study: what to write.
-        source: folder with the curves of trainings and the accounts of runs.
+        source: folder with the curves of trainings.
         target: folder to write to.
         rows: the episodes, as ``published_and_local`` gives them; by default those of ``source``.
+        accounts: folders with the accounts of the runs they are from; by default ``source``.
 
     Raises:
         ResultsError: episodes that cannot be read or a folder that cannot be written to.
@@ -76,7 +81,10 @@ def write_study(
             else:
                 _write(path, content)
         figures = save_figures(study.figures, measured, source, target / "figures")
-        sessions = load_sessions(source, study.name)
+        sessions: list[Session] = []
+        for folder in [source] if accounts is None else accounts:
+            # An account that was published with its rows may still lie beside one's own.
+            sessions += [x for x in load_sessions(folder, study.name) if x not in sessions]
         page = write_page(study, tables, findings, orders, measured, figures, sessions)
         _write(target / "README.md", page)
     except OSError as error:

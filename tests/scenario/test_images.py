@@ -115,6 +115,21 @@ def test_a_scenario_counts_by_what_its_image_shows_and_needs_it_no_more(tmp_path
     assert first.override({"pedestrians.count": 2}).arena == first.arena
 
 
+def test_an_image_is_not_laid_over_another_map_unsaid(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    room = scenario_of(write_map(tmp_path))
+    empty = write_map(tmp_path / "elsewhere", np.full_like(ROOM, 255))
+    told = (
+        r"arena\.image: .*room\.yaml' for a map that has \d+ polygons already; allowed: with arena"
+    )
+    for changes in ({"arena.image": str(empty)}, {"arena": {"image": str(empty)}}):
+        with pytest.raises(ScenarioError, match=told):
+            room.override(changes)
+    other = room.override({"arena.image": str(empty), "arena.polygons": []})
+    assert not other.arena.polygons
+    assert other.override({"arena.image": str(tmp_path / "room.yaml")}).digest == room.digest
+
+
 def test_the_image_is_found_beside_the_file_that_names_it(tmp_path, monkeypatch):
     write_map(tmp_path)
     robots = "robots: {start: [0.5, 0.5], goal: [4, 1]}"
