@@ -263,8 +263,8 @@ STUDY = Study(
         Drawing(
             "figure_costs",
             "What a robot costs",
-            "Success over the mean time by which people are behind where they would be without "
-            "the robot (below 0: ahead), over all scenarios, with 95 % intervals; grey: the same "
+            "Success over the mean time by which the robot has set people back on their ways "
+            "(below 0: brought forward), over all scenarios, with 95 % intervals; grey: the same "
             "of people whom a push of 1 mm has disturbed, and no robot. Hollow: rungs of knowledge "
             "and the straight line. Agents that have not run everywhere in full are not shown.",
             lambda measured, folder: costs(measured),

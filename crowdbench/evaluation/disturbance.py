@@ -2,9 +2,12 @@
 
 What a person draws does not depend on the robot, so the same seed without the robot says where
 everybody would have been. Both twins run for the same time, ``DURATION``, and the robot leaves
-where its episode ended, so that dying early earns nothing. Crowds are chaotic: a third twin
-without the robot, whose people are a millimetre off after the first control period, says how large
-the numbers are when there is nothing to measure.
+where its episode ended. Crowds are chaotic: a third twin without the robot, whose people are a
+millimetre off after the first control period, says how large the numbers are when there is nothing
+to measure.
+
+People of streams do not enter near a robot. That is how the simulation keeps out of trouble and
+nothing that a robot does to anybody, so the twins without it keep free what it kept free.
 
 A person's way is compared by goals, so these must not depend on where the person was pushed to:
 ``undefined`` says of which scenarios that holds. How far behind somebody is follows from the way
@@ -47,6 +50,13 @@ Array = NDArray[np.float64]
 
 class DisturbanceError(ValueError):
     """Commands or a scenario that no twins can be simulated of; the message says why."""
+
+
+class _Robots(NamedTuple):
+    """What N control periods began with: (N, R, 3) poses and (N, R) who was in the scene."""
+
+    pose: Array
+    there: NDArray[np.bool_]
 
 
 class Shift(NamedTuple):
@@ -183,13 +193,13 @@ def disturbance(
             raise DisturbanceError(
                 f"commands of robot_{r}: expected finite numbers of shape (T, 2)"
             )
+    with_robot, robots = _simulate(scenario, seed, commands)
     nobody = [np.empty((0, 2))] * len(commands)
-    without = _simulate(scenario, seed, nobody)
+    without, _ = _simulate(scenario, seed, nobody, robots)
     count = len(without.speed)
     angle = np.arange(count) * np.pi * (3 - np.sqrt(5))  # each person another way
     nudge = NUDGE / scenario.control_period * np.column_stack([np.cos(angle), np.sin(angle)])
-    nudged = _simulate(scenario, seed, nobody, first_velocity=without.first_velocity + nudge)
-    with_robot = _simulate(scenario, seed, commands)
+    nudged, _ = _simulate(scenario, seed, nobody, robots, without.first_velocity + nudge)
     return Disturbance(_shift(with_robot, without), _shift(nudged, without))
 
 
@@ -214,12 +224,22 @@ def _simulate(
     scenario: Scenario,
     seed: int,
     commands: Sequence[NDArray[np.float64]],
+    others: _Robots | None = None,
     first_velocity: Array | None = None,
-) -> _Walks:
-    """One twin; ``first_velocity`` (P, 2) is how people walk in the first control period."""
+) -> tuple[_Walks, _Robots]:
+    """One twin, and its robots.
+
+    Args:
+        scenario: the world.
+        seed: episode seed.
+        commands: of the robots.
+        others: robots of another twin, which are not here but where nobody enters either.
+        first_velocity: (P, 2) how people walk in the first control period.
+    """
     world, drive = World(scenario, seed), make_drive(scenario)
     people = world.pedestrians
     position, goal = [_places(people)], [people.goal.copy()]
+    pose, there = [], []
     steer = {} if first_velocity is None else dict(enumerate(first_velocity))
     velocity = people.velocity.copy()
     for step in range(round(DURATION / scenario.control_period)):
@@ -229,19 +249,24 @@ def _simulate(
                 world.remove(r)
             else:
                 told[r] = np.clip(commands[r][step], drive.low, drive.high)
+        if others is not None:
+            world.reserve(others.pose[step], others.there[step])
+        pose.append(world.pose.copy())
+        there.append(world.active.copy())
         world.step(told, steer if step == 0 else None)
         people = world.pedestrians
         if step == 0:
             velocity = people.velocity.copy()
         position.append(_places(people))
         goal.append(people.goal.copy())
-    return _Walks.of_states(
+    walks = _Walks.of_states(
         np.array(position),
         np.array(goal),
         _paces(scenario, people),
         velocity,
         scenario.control_period,
     )
+    return walks, _Robots(np.array(pose), np.array(there))
 
 
 def _places(people: Pedestrians) -> Array:

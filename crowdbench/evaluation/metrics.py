@@ -55,7 +55,7 @@ def _per_km(function: Callable[[Episode], float], what: str) -> Metric:
 
 def _by_chance(name: str, unit: str) -> Metric:
     function = social.disturbance(name, chance=True)
-    definition = f"{name} of people whom nothing but a push of 1 mm has disturbed"
+    definition = f"{name} of people whom a push of 1 mm has disturbed, and no robot"
     return Metric(function, unit, "lower", definition, "mean", digits=3)
 
 
@@ -182,18 +182,18 @@ _BUILT_IN = {
     ),
     "delay": Metric(
         social.disturbance("delay"), "s", "lower",
-        "mean time by which people are behind where they would be without the robot, after 20 s",
-        "mean", digits=3,
+        "mean time by which the robot has set people back on their ways, after 20 s", "mean",
+        digits=3,
     ),
     "detour": Metric(
         social.disturbance("detour"), "m", "lower",
-        "how much further people walk to the same goals than without the robot, in 20 s", "mean",
+        "how much further the robot has made people walk to the same goals, in 20 s", "mean",
         digits=3,
     ),
     "displacement": Metric(
         social.disturbance("displacement"), "m", "lower",
-        "largest mean distance of people from where they would be without the robot, within 20 s",
-        "mean", digits=3,
+        "largest mean distance by which the robot has shifted people, within 20 s", "mean",
+        digits=3,
     ),
     "delay_by_chance": _by_chance("delay", "s"),
     "detour_by_chance": _by_chance("detour", "m"),

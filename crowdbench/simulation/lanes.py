@@ -104,6 +104,7 @@ ROBOT = np.dtype(
         ("speed", _REAL),  # along it, negative backwards
         ("world_velocity", _REAL, 2),  # direction times speed
         ("active", _FLAG),  # still in the scene
+        ("reserves", _FLAG),  # nobody enters near it; as active, but see World.reserve
         ("goal", _REAL, 2),
         ("origin", _REAL, 3),  # pose at which odometry is zero
         ("distance", _REAL),  # to the goal

@@ -30,7 +30,7 @@ def may_enter(p, x, y, world, robots, people, obstacles, gap):  # type: ignore[n
             return False
     for r in range(len(robots)):
         dx, dy = robots[r].pose[0] - x, robots[r].pose[1] - y
-        if robots[r].active and math.sqrt(dx * dx + dy * dy) < radius + world.entry_gap:
+        if robots[r].reserves and math.sqrt(dx * dx + dy * dy) < radius + world.entry_gap:
             return False
     for o in range(len(obstacles)):
         dx, dy = obstacles[o, 0] - x, obstacles[o, 1] - y

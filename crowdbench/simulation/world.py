@@ -263,3 +263,13 @@ class World(Lane):
     def remove(self, robot: int) -> None:
         """Take a robot out of the scene; one that has left stays where it is."""
         self.worlds.remove(0, robot)
+
+    def reserve(self, pose: NDArray[np.float64], reserves: NDArray[np.bool_]) -> None:
+        """Keep people from entering where robots would be that have left the scene.
+
+        Args:
+            pose: (R, 3) of the robots [m], [rad].
+            reserves: (R,) those near which nobody enters in the next control period.
+        """
+        robots = self.worlds.state.robots[0]
+        robots["pose"], robots["reserves"] = pose, reserves

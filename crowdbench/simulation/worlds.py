@@ -225,9 +225,9 @@ class Worlds:
 
     def remove(self, lane: int, robot: int) -> None:
         """Take a robot out of the scene; one that has left stays where it is."""
-        active = self.state.robots["active"][lane]
-        if active[robot]:
-            active[robot] = False
+        robots = self.state.robots[lane]
+        if robots["active"][robot]:
+            robots["active"][robot] = robots["reserves"][robot] = False
             self.episode(lane).bodies.remove(robot)
 
     def _prepare(self, scenario: Scenario) -> Prepared:
@@ -251,7 +251,7 @@ class Worlds:
         robots["goal"] = layout.robot_goal
         robots["velocity"] = 0.0
         self.state.under_way[lane] = 0.0
-        robots["active"] = True
+        robots["active"] = robots["reserves"] = True
         ways = layout.robot_goal - layout.robot_pose[:, :2]
         robots["distance"] = np.linalg.norm(ways, axis=1)
         self._note_travel(lane, prepared)

@@ -43,6 +43,10 @@ def crowd(name, **people):
     return load_scenario(name, pedestrians={"leg_from": "goal", **people})
 
 
+def twin_of(scenario, seed, commands):
+    return _simulate(scenario, seed, commands)[0]
+
+
 def standing(seconds):
     return [np.zeros((round(seconds / PERIOD), 2))]
 
@@ -128,6 +132,18 @@ def test_people_who_do_not_see_the_robot_and_are_not_touched_lose_nothing(seed):
     assert disturbance(blind, seed, standing(1.0)).by_robot == ZERO
     driven = [np.tile([1.0, 0.0], (40, 1))]
     assert disturbance(seeing, seed, driven).by_robot.displacement > 0.0
+
+
+@pytest.mark.parametrize("name", ["hard_two_streams", "hard_corridor_groups", "situation_doorway"])
+def test_who_does_not_enter_beside_a_robot_has_lost_nothing(name):
+    world = load_scenario(name, pedestrians={"reactive": 0.0})
+    for seed in (900_700, 900_703):
+        begun, untouched = World(world, seed), 0
+        while untouched < 100 and not begun.contacts:
+            begun.step(np.zeros((1, 2)))
+            untouched += not begun.contacts
+        found = disturbance(world, seed, standing(PERIOD * untouched))
+        assert found.by_robot == ZERO
 
 
 def test_the_noise_floor_begins_at_a_millimetre_and_does_not_know_the_robot():
@@ -220,7 +236,7 @@ def test_recorded_people_below_a_tenth_of_a_metre_a_second_stand(recording, spee
     rows = [f"{p},{t},{5 * p + t * speed},{p}\n" for p in range(3) for t in range(60)]
     recording.write_text("id,time,x_m,y_m\n" + "".join(rows))
     scenario = crossing(recording, **{"robots.start": [0.0, 3.0], "robots.goal": [0.0, -3.0]})
-    paces = _simulate(scenario, 3, standing(0.0)).speed
+    paces = twin_of(scenario, 3, standing(0.0)).speed
     assert paces == pytest.approx(np.full(3, 0.0 if speed < 0.1 else speed))
 
 
@@ -239,7 +255,7 @@ def recording(tmp_path):
 
 def test_without_a_robot_reactive_people_walk_as_recorded(recording):
     scenario = crossing(recording, **{"pedestrians.reactive": 1.0})
-    twin = _simulate(scenario, 3, standing(0.0))
+    twin = twin_of(scenario, 3, standing(0.0))
     tracks = World(scenario, 3).layout.tracks
     expected = np.array([tracks.at(k) for k in range(101)])
     np.testing.assert_allclose(twin.position, expected, atol=1e-9)
@@ -264,8 +280,8 @@ def test_a_robot_at_the_entrance_holds_people_back_until_it_leaves(recording):
         recording,
         **{"pedestrians.reactive": 0.0, "robots.start": [x, y], "robots.goal": [5.0, 0.0]},
     )
-    twin = _simulate(scenario, 3, standing(20.0))
-    there, recorded = twin.there, _simulate(scenario, 3, standing(0.0)).there
+    twin = twin_of(scenario, 3, standing(20.0))
+    there, recorded = twin.there, twin_of(scenario, 3, standing(0.0)).there
     held = (recorded & ~there).sum(axis=0)
     known = recorded.any(axis=0)
     assert (held > 0).any() and set(held.tolist()) <= {0, 2, 3}  # 0.5 m at 1 m/s
@@ -277,7 +293,7 @@ def test_a_robot_at_the_entrance_holds_people_back_until_it_leaves(recording):
 def test_goals_that_nobody_is_pushed_off_are_the_same_in_both_twins():
     world = crowd("multimodal_fast")
     driven = [np.tile([1.0, 0.0], (40, 1))]
-    with_robot, without = (_simulate(world, 900_001, told) for told in (driven, standing(0.0)))
+    with_robot, without = (twin_of(world, 900_001, told) for told in (driven, standing(0.0)))
     assert not np.array_equal(with_robot.position, without.position)
     for p in range(len(without.speed)):
         goals = [twin.of(p).goals for twin in (with_robot, without)]
@@ -296,7 +312,7 @@ def test_a_robot_that_touches_something_leaves():
 def test_people_walk_as_in_the_episode_until_it_ends():
     world = crowd("multimodal_fast")
     (episode,) = run_episode(world, "straight_line", seed=900_002)
-    twin = _simulate(world, 900_002, [episode.commands])
+    twin = twin_of(world, 900_002, [episode.commands])
     assert 10 < episode.steps < 100 == len(twin.position) - 1
     there = slice(episode.steps + 1)
     np.testing.assert_array_equal(twin.position[there], episode.pedestrian_position)
