@@ -16,7 +16,7 @@ from crowdbench.study.tables import SIGNIFICANCE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from crowdbench.evaluation.statistics import Difference
+    from crowdbench.evaluation.statistics import Difference, Estimate
     from crowdbench.study.measurements import Measurements
 
 EPISODES = 100
@@ -67,46 +67,56 @@ def _ran(measured: Measurements, method: Method, scenario: str) -> bool:
 
 
 def costs(measured: Measurements) -> Figure | None:
-    """Success over the delay of people, a point for each agent; rungs of knowledge are hollow."""
+    """Success over what people lose, a point for each agent; rungs of knowledge are hollow."""
     from matplotlib.figure import Figure
 
     from crowdbench.study.style import WIDTH, Style, styles
 
     scenarios = (*CROWDS, *SITUATIONS)
-    found = {
-        method: measured.means(Mean(method.agent, scenarios, name) for name in ("delay", "success"))
+    ran = [
+        method
         for method in (*AGENTS, *RUNGS)
         if all(_ran(measured, method, name) for name in scenarios)
-    }
-    if not found:
+    ]
+    if not ran:
         return None
     looks = styles(method.agent for method in AGENTS)
     markers = ("d", "p", "<", ">", "h", "o")
     looks |= {
         rung.agent: Style("0.3", marker, "-") for rung, marker in zip(RUNGS, markers, strict=True)
     }
+
+    def means(name: str) -> list[Estimate]:
+        return measured.means(Mean(method.agent, scenarios, name) for method in ran)
+
     figure = Figure(figsize=(WIDTH, 3.9), layout="constrained")
-    axis = figure.subplots()
-    (chance,) = measured.means([Mean(next(iter(found)).agent, scenarios, "delay_by_chance")])
-    axis.axvspan(chance.low, chance.high, color="0.9", zorder=0, label="Delay by chance")
-    for method, (delay, success) in found.items():
-        look = looks[method.agent]
-        axis.errorbar(
-            delay.mean,
-            success.mean,
-            xerr=[[delay.mean - delay.low], [delay.high - delay.mean]],
-            yerr=[[success.mean - success.low], [success.high - success.mean]],
-            color=look.color,
-            marker=look.marker,
-            markerfacecolor="white" if method.bound else look.color,
-            linestyle="",
-            elinewidth=0.8,
-            label=method.label,
-        )
-    axis.set_xlabel("Delay of people [s]")
-    axis.set_ylabel("Success")
-    axis.set_ylim(0, 1.02)
-    handles, labels = axis.get_legend_handles_labels()
+    axes = figure.subplots(1, 2, sharey=True)
+    reached = means("success")
+    for axis, name, label in zip(
+        axes, ("delay", "displacement"), ("Delay of people [s]", "Displacement [m]"), strict=True
+    ):
+        # Where people enter depends on the robot, so chance is not quite the same beside all.
+        chances = means(f"{name}_by_chance")
+        low, high = min(x.low for x in chances), max(x.high for x in chances)
+        axis.axvspan(low, high, color="0.9", zorder=0, label="By chance")
+        for method, lost, success in zip(ran, means(name), reached, strict=True):
+            look = looks[method.agent]
+            axis.errorbar(
+                lost.mean,
+                success.mean,
+                xerr=[[lost.mean - lost.low], [lost.high - lost.mean]],
+                yerr=[[success.mean - success.low], [success.high - success.mean]],
+                color=look.color,
+                marker=look.marker,
+                markerfacecolor="white" if method.bound else look.color,
+                linestyle="",
+                elinewidth=0.8,
+                label=method.label,
+            )
+        axis.set_xlabel(label)
+    axes[0].set_ylabel("Success")
+    axes[0].set_ylim(0, 1.02)
+    handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, columnspacing=0.8)
     return figure
 
@@ -264,7 +274,8 @@ STUDY = Study(
             "figure_costs",
             "What a robot costs",
             "Success over the mean time by which the robot has set people back on their ways "
-            "(below 0: brought forward), over all scenarios, with 95 % intervals; grey: the same "
+            "(below 0: brought forward), and over the largest mean distance by which it has "
+            "shifted them, over all scenarios, with 95 % intervals; grey: the same "
             "of people whom a push of 1 mm has disturbed, and no robot. Hollow: rungs of knowledge "
             "and the straight line. Agents that have not run everywhere in full are not shown.",
             lambda measured, folder: costs(measured),
