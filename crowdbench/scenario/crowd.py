@@ -27,22 +27,22 @@ def _too_many(scenario: Scenario) -> str:
             f"allowed: {people.count} (pedestrians.count)"
         )
     left = people.count - queueing
-    if (walking := sum(stream_sizes(scenario))) > left:
+    if (walking := sum(stream_sizes(people))) > left:
         return (
             f"pedestrians.streams: the shares take {walking} of pedestrians.count {people.count} "
             f"people, but queues leave {left}; allowed: {left / people.count:.3g} in all"
         )
-    for field, share, others in (
-        ("standing", people.standing, "queues"),
-        ("groups.share", people.groups.share, "queues and standing people"),
+    standing = round(people.standing * people.count)
+    for field, share, others, others_leave in (
+        ("standing", people.standing, "queues and streams", left - walking),
+        ("groups.share", people.groups.share, "queues and standing people", left - standing),
     ):
         taken = round(share * people.count)
-        if taken > left:
+        if taken > others_leave:
             return (
                 f"pedestrians.{field}: {taken} of pedestrians.count {people.count} people, but "
-                f"{others} leave {left}; allowed: <= {left / people.count:.3g}"
+                f"{others} leave {others_leave}; allowed: <= {others_leave / people.count:.3g}"
             )
-        left -= taken
     return ""
 
 

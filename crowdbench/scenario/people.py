@@ -102,7 +102,10 @@ class Pedestrians(Section):
     )
     stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
     standing: Share = later(
-        0.0, "0.2", description="share of the people that stand in a place of their own"
+        0.0,
+        "0.2",
+        description="share of the people that stand in a place of their own; none of them is in a "
+        "queue, group or stream",
     )
     groups: Groups = later(Groups(), "0.2", description="people who walk together")
     queues: Annotated[

@@ -240,7 +240,7 @@ def _members(scenario: Scenario) -> Wholes:
     """(P,) stream of every person: after those of queues the first ones walk in the first one."""
     member = np.full(scenario.pedestrians.count, -1, dtype=np.int64)
     first = sum(queue.count + 1 for queue in scenario.pedestrians.queues)
-    for i, size in enumerate(stream_sizes(scenario)):
+    for i, size in enumerate(stream_sizes(scenario.pedestrians)):
         member[first : first + size] = i
         first += size
     return member
