@@ -91,8 +91,8 @@ class Pedestrians(Section):
     leg_from: Literal["position", "goal"] = later(
         "position",
         "0.2",
-        description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
-        "do not depend on what was in the way",
+        description="where a leg starts: where the pedestrian is, or its last goal, so that what "
+        "is drawn does not depend on what was in the way",
     )
     streams: Streams = later(
         (),
