@@ -286,7 +286,14 @@ def test_of_many_cells_it_is_said_how_many_times_are_left_out(episodes):
 def test_a_mistake_is_answered_in_one_line(tmp_path, monkeypatch, capsys, arguments, told):
     monkeypatch.chdir(tmp_path)
     assert told in complaint(capsys, *arguments)
-    assert not list(tmp_path.glob("**/results.sqlite"))
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_run_that_stores_nothing_leaves_no_folder(place, tmp_path, capsys):
+    arguments = ["run", "-s", place / "tiny.yaml", "-a", "straight_line", "-n", 1, "-j", 1]
+    crowded = ["--set", "pedestrians.count=500", "--results", tmp_path / "new" / "results"]
+    assert "'tiny' has no room: pedestrian" in complaint(capsys, *arguments, *crowded)
+    assert not any(tmp_path.iterdir())
 
 
 CHEAT = """

@@ -175,14 +175,18 @@ def transaction(connection: Writer) -> Iterator[None]:
     connection.require_its_file()
 
 
-def require_writable(folder: Path) -> None:
+def require_writable(folder: Path) -> list[Path]:
     """Find out before hours are spent whether results can be stored in a folder.
+
+    Returns:
+        The folders that were made for it, the innermost first.
 
     Raises:
         ResultsError: the folder cannot be made or written to, its disk is full, or the database
             in it is locked, damaged or not crowdbench's.
     """
     try:
+        new = [path for path in (folder, *folder.parents) if not path.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(_PROBE)
@@ -197,6 +201,23 @@ def require_writable(folder: Path) -> None:
             connection.execute("BEGIN IMMEDIATE")
             connection.execute(f"PRAGMA user_version = {SCHEMA}")  # finds a read-only file out
             connection.rollback()
+    return new
+
+
+@contextlib.contextmanager
+def used(folder: Path) -> Iterator[None]:
+    """A folder to store results in, see ``require_writable``; none is left where none are stored.
+
+    Raises:
+        ResultsError: results cannot be stored there.
+    """
+    new = require_writable(folder)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # in use
+            for path in new:
+                path.rmdir()
 
 
 def _require_file(path: Path) -> None:

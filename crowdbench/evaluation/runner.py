@@ -18,7 +18,7 @@ from typing import Any
 
 from crowdbench.agent import AgentError, AgentSpec, agent_names, find_agent, require_suited
 from crowdbench.compiled import note_run, was_run
-from crowdbench.evaluation.database import require_writable
+from crowdbench.evaluation.database import used
 from crowdbench.evaluation.driven import Driven, ResimulationError
 from crowdbench.evaluation.executors import EXECUTORS, Executor, ExecutorError
 from crowdbench.evaluation.pool import Limits
@@ -138,11 +138,10 @@ def run(
         raise ExecutorError(f"jobs: {jobs}; allowed: 1 or more")
     folder = Path(folder)
     store, scorer = ResultsStore(folder), Scorer()
-    require_writable(folder)
     for task in tasks:
         _require_known(task.agent.name)
     missing: list[Missing] = []
-    with EXECUTORS[executor](jobs, limits or Limits(), address) as workers:
+    with used(folder), EXECUTORS[executor](jobs, limits or Limits(), address) as workers:
         workers.prepare(sum(len(task.seeds) for task in tasks))
         identities = _identify(workers, [task.agent for task in tasks])
         for task in tasks:

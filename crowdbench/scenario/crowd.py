@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from crowdbench.scenario.room import queue_gap, rounded_up
 from crowdbench.scenario.streams import stream_sizes
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ _ROUNDING = 1e-9
 
 def misfit(scenario: Scenario) -> str:
     """Which field does not fit the others, with what is allowed; empty where all do."""
-    return _too_many(scenario) or _queues_without_room(scenario)
+    return _too_many(scenario) or _queues_without_room(scenario) or _ends_at_queues(scenario)
 
 
 def _too_many(scenario: Scenario) -> str:
@@ -27,22 +28,22 @@ def _too_many(scenario: Scenario) -> str:
             f"allowed: {people.count} (pedestrians.count)"
         )
     left = people.count - queueing
-    if (walking := sum(stream_sizes(scenario))) > left:
+    if (walking := sum(stream_sizes(people))) > left:
         return (
             f"pedestrians.streams: the shares take {walking} of pedestrians.count {people.count} "
             f"people, but queues leave {left}; allowed: {left / people.count:.3g} in all"
         )
-    for field, share, others in (
-        ("standing", people.standing, "queues"),
-        ("groups.share", people.groups.share, "queues and standing people"),
+    standing = round(people.standing * people.count)
+    for field, share, others, others_leave in (
+        ("standing", people.standing, "queues and streams", left - walking),
+        ("groups.share", people.groups.share, "queues and standing people", left - standing),
     ):
         taken = round(share * people.count)
-        if taken > left:
+        if taken > others_leave:
             return (
                 f"pedestrians.{field}: {taken} of pedestrians.count {people.count} people, but "
-                f"{others} leave {left}; allowed: <= {left / people.count:.3g}"
+                f"{others} leave {others_leave}; allowed: <= {others_leave / people.count:.3g}"
             )
-        left -= taken
     return ""
 
 
@@ -72,6 +73,23 @@ def _queues_without_room(scenario: Scenario) -> str:
                     "and outside"
                 )
         taken += queue.places()
+    return ""
+
+
+def _ends_at_queues(scenario: Scenario) -> str:
+    """Points where a robot should begin or end, too near to people in line."""
+    robots, gap = scenario.robots, queue_gap(scenario)
+    for field, end in (("start", robots.start), ("goal", robots.goal)):
+        if not isinstance(end, tuple):
+            continue
+        for q, queue in enumerate(scenario.pedestrians.queues):
+            for k, place in enumerate(queue.places()):
+                if (apart := math.dist(end, place)) <= gap:
+                    return (
+                        f"robots.{field}: ({end[0]:g}, {end[1]:g}) is {apart:.4g} m from place "
+                        f"{k + 1} of queue {q + 1} (pedestrians.queues); allowed: more than "
+                        f"{rounded_up(gap):g} m (by pedestrians.spawn_clearance)"
+                    )
     return ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from crowdbench.messages import nearest, quoted, setting, short
 from crowdbench.scenario.changes import change
 from crowdbench.scenario.images import read_map
 from crowdbench.scenario.places import MOST_EDGES, Place, corners, outside
+from crowdbench.scenario.room import ends_gap, rounded_up
 
 if TYPE_CHECKING:
     from crowdbench.scenario.model import Scenario
@@ -108,10 +110,19 @@ def _unknown_end(scenario: Scenario, field: str, place: Place) -> str:
 
 
 def _ends_together(scenario: Scenario) -> str:
-    start, goal = scenario.robots.start, scenario.robots.goal
+    robots = scenario.robots
+    start, goal = robots.start, robots.goal
     if (start is None) != (goal is None):
         missing = "start" if start is None else "goal"
         return f"robots.{missing}: null; allowed: robots.start and robots.goal, or neither"
     if start is not None and start == goal:
         return f"robots.goal: {short(goal)} is robots.start too; allowed: another region or point"
+    if isinstance(start, tuple) and isinstance(goal, tuple):
+        apart, gap = math.dist(start, goal), ends_gap(robots)
+        if apart <= gap:
+            return (
+                f"robots.goal: ({goal[0]:g}, {goal[1]:g}) is {apart:.4g} m from robots.start; "
+                f"allowed: more than {rounded_up(gap):g} m (by robots.length, robots.width and "
+                "robots.goal_tolerance)"
+            )
     return ""

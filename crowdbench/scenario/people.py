@@ -91,8 +91,8 @@ class Pedestrians(Section):
     leg_from: Literal["position", "goal"] = later(
         "position",
         "0.2",
-        description="where a leg starts: where the pedestrian is, or its last goal, so that goals "
-        "do not depend on what was in the way",
+        description="where a leg starts: where the pedestrian is, or its last goal, so that what "
+        "is drawn does not depend on what was in the way",
     )
     streams: Streams = later(
         (),
@@ -102,7 +102,10 @@ class Pedestrians(Section):
     )
     stops: Stops = later(Stops(), "0.2", description="on the way to a goal")
     standing: Share = later(
-        0.0, "0.2", description="share of the people that stand in a place of their own"
+        0.0,
+        "0.2",
+        description="share of the people that stand in a place of their own; none of them is in a "
+        "queue, group or stream",
     )
     groups: Groups = later(Groups(), "0.2", description="people who walk together")
     queues: Annotated[

@@ -13,6 +13,9 @@ PASSAGE = 0.9
 """Least gap between static obstacles, and on one side of each to a wall, for people [m]."""
 PASSING_MARGIN = 0.2
 """By how much that gap exceeds a robot's width at least [m]."""
+FOOTPRINT_CLEARANCE = 0.3
+"""Least gap from the circle around a robot's footprint to static obstacles and people who stand, at
+its start and goal [m]."""
 _ROUNDING = 1e-9
 
 
@@ -24,6 +27,18 @@ def robot_radius(robots: Robots) -> float:
 def passage(robots: Robots) -> float:
     """Least gap between static obstacles, and on one side of each to a wall [m]."""
     return max(PASSAGE, robots.width + PASSING_MARGIN)
+
+
+def ends_gap(robots: Robots) -> float:
+    """By more than which all starts and goals of robots are apart [m]."""
+    return 2 * robot_radius(robots) + robots.goal_tolerance
+
+
+def queue_gap(scenario: Scenario) -> float:
+    """By more than which robots' starts and goals are away from people's places in line [m]."""
+    people = scenario.pedestrians
+    touching = robot_radius(scenario.robots) + people.radii[1]
+    return touching + max(people.spawn_clearance, FOOTPRINT_CLEARANCE)
 
 
 def longest_travel(arena: Arena, robots: Robots) -> float:
@@ -53,9 +68,8 @@ def misfit(scenario: Scenario) -> str:
     for side, needed, purpose in needs:
         extent = getattr(arena, side)
         if extent < needed - _ROUNDING:
-            return (
-                f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {_up(needed):g}"
-            )
+            least = rounded_up(needed)
+            return f"arena.{side}: {extent:g} m is too little {purpose}; allowed: >= {least:g}"
     if robots.latency >= scenario.max_steps:
         return (
             f"robots.latency: {robots.latency} control periods, and time_limit is over after "
@@ -74,12 +88,12 @@ def misfit(scenario: Scenario) -> str:
         length = diameter + math.sqrt(max(0.0, robots.travel**2 - across**2))
         return (
             f"robots.travel: {robots.travel:g} m from start to goal do not fit into "
-            f"{arena.length:g} x {arena.width:g} m; allowed: <= {max(0.0, -_up(-longest)):g}, "
-            f"or arena.length >= {_up(length):g}"
+            f"{arena.length:g} x {arena.width:g} m; allowed: "
+            f"<= {max(0.0, -rounded_up(-longest)):g}, or arena.length >= {rounded_up(length):g}"
         )
     return ""
 
 
-def _up(metres: float) -> float:
+def rounded_up(metres: float) -> float:
     """A bound as people read it, rounded so that it is itself allowed."""
     return math.ceil((metres - _ROUNDING) * 1000) / 1000

@@ -12,6 +12,7 @@ from crowdbench.scenario.maps import unknown_region
 
 if TYPE_CHECKING:
     from crowdbench.scenario.model import Scenario
+    from crowdbench.scenario.people import Pedestrians
 
 MOST_STREAMS = 32
 MOST_VIA = 6
@@ -60,11 +61,11 @@ def misrouted(scenario: Scenario) -> str:
     return ""
 
 
-def stream_sizes(scenario: Scenario) -> list[int]:
+def stream_sizes(people: Pedestrians) -> list[int]:
     """How many of the people belong to each stream: shares, rounded so that no one is lost."""
     sizes: list[int] = []
     share = 0.0
-    for stream in scenario.pedestrians.streams:
+    for stream in people.streams:
         share += stream.share
-        sizes.append(round(share * scenario.pedestrians.count) - sum(sizes))
+        sizes.append(round(share * people.count) - sum(sizes))
     return sizes

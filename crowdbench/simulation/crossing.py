@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Arena, NoRoomError, Scenario
 from crowdbench.scenario.recorded import load, origin
-from crowdbench.scenario.room import robot_radius
+from crowdbench.scenario.room import ends_gap, robot_radius
 from crowdbench.simulation import streams
 from crowdbench.simulation.layout import WALL_CLEARANCE, Layout
 from crowdbench.simulation.map_layout import NoPlaceError, Places
@@ -181,7 +181,7 @@ def _free(
 ) -> _Drawn | None:
     """Straight ways through places where people walk; None where walls leave none."""
     robots = scenario.robots
-    gap = 2 * robot_radius(robots) + robots.goal_tolerance
+    gap = ends_gap(robots)
     ways = np.empty((0, 2, 2))
     if scenario.arena.kind == "map":  # the robot stays on it
         walls = np.concatenate([walls, _border(scenario.arena)])

@@ -5,6 +5,7 @@ everything drawn for one is independent of where the leg before ended. A person 
 at a place of the start region, passes the regions on the way and walks to a place of the goal
 region. There it leaves, and enters anew as soon as the place is free of people and robots; until
 then it stands where it is. So a stream keeps its direction and the scene its number of people.
+Others of its group come with it, from wherever they are (``crowdbench.simulation.group_entry``).
 Who returns to the start region (an intent of multimodal goals) sets out again from there; who
 diverts walks to the goal of another stream. A person without a stream walks to a place anywhere.
 """

@@ -18,7 +18,8 @@ from crowdbench.scenario.places import Point, Region, corners
 CELL = 0.05
 """Side of a cell [m]; larger where the area is, so that there are not too many."""
 _MOST_CELLS = 2_000_000
-_HALF_DIAGONAL = math.sqrt(0.5)
+HALF_DIAGONAL = math.sqrt(0.5)
+"""Of a square, by its side."""
 _ON_EDGE = 1e-9
 """Of a polygon is what is this near to it [m]."""
 
@@ -79,7 +80,7 @@ class Ground:
 
     def free(self, radius: float) -> Mask:
         """Where a disc fits wherever in the cell its centre is."""
-        return self.gap >= radius + _HALF_DIAGONAL * self.side
+        return self.gap >= radius + HALF_DIAGONAL * self.side
 
     def connected(
         self, radius: float, discs: NDArray[np.float64] | None = None

@@ -1,4 +1,7 @@
-"""Groups in streams: when the first of a group enters the scene anew, the others come with it."""
+"""Groups in streams: when the first of a group enters the scene anew, the others come with it.
+
+They leave from wherever they are then, also short of the region in which the first one has arrived.
+"""
 
 from __future__ import annotations
 

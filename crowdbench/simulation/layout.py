@@ -12,15 +12,23 @@ from numpy.typing import NDArray
 
 from crowdbench.compiled import compiled
 from crowdbench.scenario import NoRoomError, Scenario
-from crowdbench.scenario.room import passage, robot_radius
+from crowdbench.scenario.room import (
+    FOOTPRINT_CLEARANCE,
+    ends_gap,
+    passage,
+    queue_gap,
+    robot_radius,
+)
 from crowdbench.simulation import streams
 from crowdbench.simulation.group_layout import place_together
 from crowdbench.simulation.map_layout import (
+    OBSTACLE_FIELDS,
     WALL_CLEARANCE,
     CrowdedError,
     NoPlaceError,
     Places,
     places_of,
+    robot_fields,
 )
 from crowdbench.simulation.routes import Routes
 from crowdbench.simulation.spreading import spread
@@ -32,9 +40,8 @@ if TYPE_CHECKING:
     from crowdbench.simulation.recorded import Tracks
 
 OBSTACLE_CLEARANCE = 1.0
-"""Least gap from static obstacles to a robot's start and goal, surface to centre [m]."""
-FOOTPRINT_CLEARANCE = 0.3
-"""The same to the circle around its footprint, which decides where the robot is large [m]."""
+"""Least gap from static obstacles to a robot's start and goal, surface to centre [m]; where the
+robot is large ``FOOTPRINT_CLEARANCE`` decides."""
 _BATCH, _BATCHES = 64, 20
 _LAYOUTS = 10
 _CENTRED, _ANYWHERE, _DENSE = range(3)
@@ -103,7 +110,7 @@ def place(
     raise NoRoomError(
         f"scenario {scenario.name!r} has no room: {problems[-1]} "
         f"in {arena.length:g} x {arena.width:g} m with seed {seed}; "
-        "use fewer or smaller bodies, less clearance or a larger arena",
+        f"use fewer or smaller bodies, less clearance or a larger arena ({problems[-1].fields})",
         seed,
     )
 
@@ -119,9 +126,7 @@ def _attempt(
     around = max(OBSTACLE_CLEARANCE, robot_radius(scenario.robots) + FOOTPRINT_CLEARANCE)
     people = scenario.pedestrians
     lines = places_in_line(people)
-    off = robot_radius(scenario.robots) + people.radii[1]
-    off += max(people.spawn_clearance, FOOTPRINT_CLEARANCE)
-    avoided = np.column_stack([lines, np.full(len(lines), off)])
+    avoided = np.column_stack([lines, np.full(len(lines), queue_gap(scenario))])
     if places is None:
         pose, goal = _place_robots(scenario, rng, avoided, effort)
         ends = np.vstack([pose[:, :2], goal, lines])
@@ -164,7 +169,10 @@ def _attempt(
         placed += place_anywhere(taken, fixed + placed)
     placed += len(lines)
     if placed < people.count:
-        raise CrowdedError(f"pedestrian {placed + 1} of {people.count} found no place")
+        raise CrowdedError(
+            f"pedestrian {placed + 1} of {people.count} found no place",
+            "pedestrians.count, pedestrians.radius or pedestrians.spawn_clearance",
+        )
     position = np.empty((people.count, 2))
     position[: len(lines)], position[order] = lines, taken[fixed:, :2]
     if places is not None and traits.standing.any():
@@ -191,7 +199,7 @@ def _place_robots(
     None of them lies within a disc of ``avoided`` (N, 3).
     """
     robots = scenario.robots
-    gap = 2 * robot_radius(robots) + robots.goal_tolerance
+    gap = ends_gap(robots)
     poses, goals = np.empty((robots.count, 3)), np.empty((robots.count, 2))
     for r in range(robots.count):
         for _ in range(_BATCH if effort == _CENTRED else _BATCHES):
@@ -212,7 +220,10 @@ def _place_robots(
             if free.any():
                 break
         else:
-            raise NoPlaceError(f"robot {r + 1} of {robots.count} found no place")
+            raise NoPlaceError(
+                f"robot {r + 1} of {robots.count} found no place",
+                robot_fields(scenario, "robots.travel"),
+            )
         chosen = np.argmin(np.where(free, nearest, np.inf)) if effort == _DENSE else np.argmax(free)
         start, goal = ends[chosen]
         ahead = goal - start
@@ -275,11 +286,15 @@ def _place_obstacles(
         for _ in range(1 if effort == _CENTRED else _BATCHES):
             spot = _fit(rng, half - radius, np.vstack([keep, apart]), radius)
             if spot is None:
-                raise NoPlaceError(f"obstacle {k + 1} of {settings.count} found no place")
+                raise NoPlaceError(
+                    f"obstacle {k + 1} of {settings.count} found no place", OBSTACLE_FIELDS
+                )
             if arena.kind == "open" or arena.width / 2 + abs(spot[1]) - radius >= gap:
                 break
         else:
-            raise NoPlaceError(f"obstacle {k + 1} of {settings.count} blocks the corridor")
+            raise NoPlaceError(
+                f"obstacle {k + 1} of {settings.count} blocks the corridor", OBSTACLE_FIELDS
+            )
         obstacles = np.vstack([obstacles, [*spot, radius]])
     return obstacles
 

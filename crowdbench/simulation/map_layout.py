@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from crowdbench.compiled import compiled
 from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import Point
-from crowdbench.scenario.room import passage, robot_radius
+from crowdbench.scenario.room import ends_gap, passage, robot_radius
+from crowdbench.simulation.ends import named, require_apart, require_off_queues
 from crowdbench.simulation.ground import Ground, Mask, Spots
 from crowdbench.simulation.vacancy import is_off_discs
 from crowdbench.simulation.walls import walls_of
@@ -23,11 +24,22 @@ from crowdbench.simulation.ways import Ways
 WALL_CLEARANCE = 0.1
 """Least gap from the circle around a robot's footprint to a wall, on its route and at its ends
 [m]."""
+OBSTACLE_FIELDS = "obstacles.count or obstacles.radius"
+"""What decides whether obstacles find a place."""
 _BATCH, _BATCHES = 64, 20
 
 
 class NoPlaceError(Exception):
-    """A robot, an obstacle or a pedestrian found no place this time."""
+    """A robot, an obstacle or a pedestrian found no place this time.
+
+    Attributes:
+        fields: of the scenario that decide it.
+    """
+
+    def __init__(self, message: str, fields: str) -> None:
+        """Say who, and what decides it."""
+        super().__init__(message)
+        self.fields = fields
 
 
 class CrowdedError(NoPlaceError):
@@ -67,7 +79,7 @@ class Places:
             NoPlaceError: one found no place.
         """
         robots = self.scenario.robots
-        gap = 2 * robot_radius(robots) + robots.goal_tolerance
+        gap = ends_gap(robots)
         ends = np.empty((0, 2))
         poses, goals = np.empty((robots.count, 3)), np.empty((robots.count, 2))
         for r in range(robots.count):
@@ -81,7 +93,10 @@ class Places:
                     if len(way):
                         break
             else:
-                raise NoPlaceError(f"robot {r + 1} of {robots.count} found no place")
+                raise NoPlaceError(
+                    f"robot {r + 1} of {robots.count} found no place",
+                    robot_fields(self.scenario, "robots.start, robots.goal"),
+                )
             x, y = (way[1] - start).tolist()
             poses[r], goals[r] = [*start, math.atan2(y, x) + turn], goal
             ends = np.vstack([ends, start, goal])
@@ -107,7 +122,9 @@ class Places:
             radius = rng.uniform(*settings.radius)
             taken = np.vstack([kept, obstacles + np.array([0.0, 0.0, gap]), [0.0, 0.0, radius]])
             if not _place_discs(rng, self.obstacles, taken, len(taken) - 1):
-                raise NoPlaceError(f"obstacle {k + 1} of {settings.count} found no place")
+                raise NoPlaceError(
+                    f"obstacle {k + 1} of {settings.count} found no place", OBSTACLE_FIELDS
+                )
             obstacles = np.vstack([obstacles, taken[-1]])
         return obstacles
 
@@ -137,11 +154,11 @@ class Places:
         areas = self.ground.connected(robot_clearance(self.scenario), standing)
         for start, goal in zip(poses[:, :2].tolist(), goals.tolist(), strict=True):
             if not _are_joined(areas, self.ground.at(tuple(start)), self.ground.at(tuple(goal))):
-                raise NoPlaceError("standing people shut a robot in")
+                raise NoPlaceError("standing people shut a robot in", "pedestrians.standing")
         areas = self.ground.connected(self.scenario.pedestrians.radii[1], standing)
         for stops in self._stops:
             if not all(_are_joined(areas, *ends) for ends in itertools.pairwise(stops)):
-                raise NoPlaceError("standing people shut a stream in")
+                raise NoPlaceError("standing people shut a stream in", "pedestrians.standing")
 
     @cached_property
     def _stops(self) -> list[list[Mask]]:
@@ -171,6 +188,16 @@ def _are_joined(areas: NDArray[np.int32], some: Mask, others: Mask) -> bool:
     """Whether a way leads from one of some cells to one of others."""
     shared = np.intersect1d(areas[some], areas[others])
     return bool((shared > 0).any())
+
+
+def robot_fields(scenario: Scenario, where: str) -> str:
+    """What decides whether robots find a place, beside the fields that say where."""
+    fields = [where, "robots.goal_tolerance"]
+    if scenario.robots.count > 1:
+        fields.append("robots.count")
+    if scenario.pedestrians.queues:
+        fields += ["pedestrians.queues", "pedestrians.spawn_clearance"]
+    return f"{', '.join(fields[:-1])} or {fields[-1]}"
 
 
 def robot_clearance(scenario: Scenario) -> float:
@@ -212,10 +239,13 @@ def places_of(scenario: Scenario) -> Places | None:
     last = _spots(ground, robots.goal, goals)
     if not (starts.any() and goals.any() and _has_way(ways, first, last)):
         raise ScenarioError(
-            f"scenario {scenario.name!r}: robots.goal: no way leads to {_named(robots.goal)} from "
-            f"{_named(robots.start)} (robots.start); allowed: passages at least "
+            f"scenario {scenario.name!r}: robots.goal: no way leads to {named(robots.goal)} from "
+            f"{named(robots.start)} (robots.start); allowed: passages at least "
             f"{2 * clearance:.2f} m wide, for the circle around the robot"
         )
+    require_off_queues(scenario, "start", robots.start, first)
+    require_off_queues(scenario, "goal", robots.goal, last)
+    require_apart(scenario, first, last)
     walkable = ground.connected(people.radii[1])
     met = np.unique(walkable[starts | goals])
     room = ground.free(people.radii[1]) & np.isin(walkable, met[met > 0])
@@ -253,7 +283,7 @@ def _room_for(
         widest = ground.gap[cells].max(initial=0.0)
         if widest < clearance - ground.side or not ways.is_free(np.array(place)):
             raise ScenarioError(
-                f"{where}: {_named(place)} is too near to a wall, a polygon or the border; "
+                f"{where}: {named(place)} is too near to a wall, a polygon or the border; "
                 f"allowed: at least {clearance:.2f} m away"
             )
         return cells
@@ -276,10 +306,6 @@ def _has_way(ways: Ways, starts: Spots, goals: Spots) -> bool:
     rng = np.random.default_rng(0)
     pairs = zip(starts.draw(rng, _BATCH), goals.draw(rng, _BATCH), strict=True)
     return any(len(ways.path(start, goal)) for start, goal in pairs)
-
-
-def _named(place: str | Point) -> str:
-    return f"region {place!r}" if isinstance(place, str) else f"({place[0]:g}, {place[1]:g})"
 
 
 def _apart(place: NDArray[np.float64], others: NDArray[np.float64], gap: float) -> bool:

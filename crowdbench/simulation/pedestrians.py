@@ -5,7 +5,8 @@ leg is, with the switch probability, interrupted at a random moment, half the ti
 start, half the time for a new goal; that intent is fixed when the leg begins and hidden from the
 robot. Every leg consumes the same number of draws from the pedestrian's own stream, so leg k
 depends on nothing but the seed, the pedestrian and where the leg began. With ``leg_from: goal`` it
-begins, for all that is drawn, in the goal of the leg before, wherever the pedestrian is.
+begins, for all that is drawn, in the goal of the leg before, wherever the pedestrian is. Whether
+a leg ends by arrival or by its interruption depends on what was in the way all the same.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from crowdbench.scenario import Scenario, ScenarioError
 from crowdbench.scenario.places import corners
 from crowdbench.scenario.streams import MOST_VIA, Stream, stream_sizes
 from crowdbench.simulation.ground import Ground, Mask
+from crowdbench.simulation.traits import places_in_line
 from crowdbench.simulation.walls import walls_of
 from crowdbench.simulation.ways import Network, Ways
 
@@ -84,8 +85,8 @@ def routes_of(scenario: Scenario) -> Routes | None:
     """Of a scenario; None where people need none.
 
     Raises:
-        ScenarioError: a region of a stream has no room, or no way leads through its regions; the
-            message names the field and what is allowed.
+        ScenarioError: a region of a stream has no room, or no way leads through its regions or to
+            a queue; the message names the field and what is allowed.
     """
     return _routes(_Same(scenario)) if has_routes(scenario) else None
 
@@ -128,6 +129,7 @@ def _routes(same: _Same) -> Routes:
         tables += [region & (areas == area) for region in regions]
         outlines += [np.array(corners(arena.regions[name])) for name in names]
     tables.append(areas == _main_area(scenario, ground, areas))
+    _require_reached(scenario, ground, tables[-1])
     outlines.append(np.empty((0, 2)))
     spots = [ground.spots(table) for table in tables]
     begins = [np.cumsum([0, *map(len, rows)]) for rows in ([s.corner for s in spots], outlines)]
@@ -188,6 +190,26 @@ def _main_area(scenario: Scenario, ground: Ground, areas: NDArray[np.int32]) -> 
     return int(np.argmax(counts)) if len(counts) else 1
 
 
+def _require_reached(scenario: Scenario, ground: Ground, main: Mask) -> None:
+    """Refuse queues to which no way leads from where people walk who are in no stream.
+
+    Raises:
+        ScenarioError: there is one.
+    """
+    radius = scenario.pedestrians.radii[1]
+    walkable = ground.connected(radius)  # in line people may be nearer to walls than they walk
+    reached = np.unique(walkable[main])
+    for q, queue in enumerate(scenario.pedestrians.queues):
+        for k, (x, y) in enumerate(queue.places()):
+            if not np.isin(walkable[ground.at((x, y))], reached).any():
+                raise ScenarioError(
+                    f"scenario {scenario.name!r}: pedestrians.queues: no way leads to place "
+                    f"{k + 1} of queue {q + 1}, ({x:.2f}, {y:.2f}), from where people walk; "
+                    f"allowed: passages {2 * (radius + 0.05):g} m wide or more, for people of "
+                    f"pedestrians.radius {radius:g} m"
+                )
+
+
 def _ways(scenario: Scenario, walls: Reals, streams: Wholes, places: list[Reals]) -> Ways:
     """Ways with the largest margin that leaves a way wherever there is one without it."""
     pairs = [
@@ -195,6 +217,8 @@ def _ways(scenario: Scenario, walls: Reals, streams: Wholes, places: list[Reals]
     ]
     if scenario.arena.kind == "map":
         pairs.append((places[-1], places[-1]))
+    if scenario.pedestrians.queues:
+        pairs.append((places[-1], places_in_line(scenario.pedestrians)))
     for margin in MARGINS:
         ways = Ways(
             walls,
@@ -240,7 +264,7 @@ def _members(scenario: Scenario) -> Wholes:
     """(P,) stream of every person: after those of queues the first ones walk in the first one."""
     member = np.full(scenario.pedestrians.count, -1, dtype=np.int64)
     first = sum(queue.count + 1 for queue in scenario.pedestrians.queues)
-    for i, size in enumerate(stream_sizes(scenario)):
+    for i, size in enumerate(stream_sizes(scenario.pedestrians)):
         member[first : first + size] = i
         first += size
     return member

@@ -57,7 +57,10 @@ def spread(
             if stage[p] >= 0:
                 break
         else:
-            raise CrowdedError(f"pedestrian {p + 1} of {len(stage)} found no place in its stream")
+            raise CrowdedError(
+                f"pedestrian {p + 1} of {len(stage)} found no place in its stream",
+                "pedestrians.count, pedestrians.streams or pedestrians.spawn_clearance",
+            )
     return len(order)
 
 

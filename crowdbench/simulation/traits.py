@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crowdbench.scenario import Pedestrians
+from crowdbench.scenario.streams import stream_sizes
 from crowdbench.simulation import streams
 
 _LEAST, _MOST = 2.0**-1000, 1.0 - 2.0**-53
@@ -28,7 +29,7 @@ class Traits(NamedTuple):
         queue: (P,) the queue that each belongs to, -1 for none.
         place: (P,) in it, from 0, -1 for those who are not in line; the first people are.
         group: (P,) the group that each walks with, -1 for none; its people follow each other.
-        standing: (P,) who stands in a place of its own.
+        standing: (P,) who stands in a place of its own, in no queue, group or stream.
         facing: (P,) where somebody who stands looks at first [rad].
         attention: (P,) in [0, 1), by which those who look away at times are chosen.
         key: (P,) of what compiled code draws for each.
@@ -72,6 +73,7 @@ def draw_traits(people: Pedestrians, seed: int) -> Traits:
     walking = np.count_nonzero(queue >= 0)
     group[walking : walking + sum(sizes)] = np.repeat(np.arange(len(sizes)), sizes)
     alone = (queue < 0) & (group < 0)
+    alone[walking : walking + sum(stream_sizes(people))] = False
     return Traits(
         radius=low + (high - low) * draws[:, 0],
         queue=queue,

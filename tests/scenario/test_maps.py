@@ -7,6 +7,7 @@ import yaml
 from map_scenarios import HALL, hall
 
 from crowdbench.scenario import Scenario, ScenarioError, load_scenario
+from crowdbench.simulation.layout import place
 
 
 def test_a_map_survives_json_and_its_digest_holds_every_part_of_it():
@@ -66,6 +67,11 @@ def test_a_region_can_be_changed_by_itself():
         ("robots__start", [11, 0], "(11, 0) lies outside the area; allowed"),
         ("robots__start", None, "null; allowed on a map: a region"),
         ("robots__goal", "west", "'west' is robots.start too; allowed: another region"),
+        (
+            "robots",
+            {"start": [-5, 0], "goal": [-5, 0.01]},
+            "robots.goal: (-5, 0.01) is 0.01 m from robots.start; allowed: more than 0.8 m (by",
+        ),
         ("robots__look_ahead", 0, "robots.look_ahead: 0 is out of range; allowed: >= 0.001"),
         ("arena__centre", [1], "[1] is no point; allowed: two numbers [x, y]"),
     ],
@@ -100,6 +106,21 @@ def test_arenas_that_are_no_map_say_what_only_a_map_has(changes, told):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("multimodal_fast", **changes)
     assert told in str(caught.value)
+
+
+def test_a_point_may_be_as_near_as_messages_say():
+    """The circle around 0.4 x 0.3 m is 0.5 m wide, and the goal reached at 0.3 m."""
+    assert place(hall(robots={"start": [-5, 0], "goal": [-5, 0.801]}), 900_000).robot_pose.any()
+    with pytest.raises(ScenarioError, match=r"robots.goal: .* allowed: more than 0\.8 m"):
+        hall(robots={"start": [-5, 0], "goal": [-5, 0.8]})
+    queue = [{"head": [4, 0], "count": 2, "direction": 180}]  # the second one at (4.8, 0)
+    people = {"count": 4, "radius": 0.2, "spawn_clearance": 1, "queues": queue}
+    assert place(hall(robots__goal=[6.251, 0], pedestrians=people), 900_000).robot_goal.any()
+    told = r"robots\.goal: \(6\.249, 0\) is 1\.449 m from place 2 of queue 1 .* more than 1\.45 m"
+    with pytest.raises(ScenarioError, match=told):
+        hall(robots__goal=[6.249, 0], pedestrians=people)
+    with pytest.raises(ScenarioError, match=r"robots\.start: \(4, 0\) is 0 m from place 1 of"):
+        hall(robots__start=[4, 0], pedestrians=people)
 
 
 def test_a_file_says_it_as_yaml(tmp_path):

@@ -36,13 +36,27 @@ def test_streams_that_say_no_route_are_refused(streams, message):
 )
 def test_shares_become_whole_people(shares, sizes):
     streams = [{**WEST_EAST, "share": share} for share in shares]
-    assert stream_sizes(hall(pedestrians__streams=streams, pedestrians__count=8)) == sizes
+    scenario = hall(pedestrians__streams=streams, pedestrians__count=8)
+    assert stream_sizes(scenario.pedestrians) == sizes
 
 
 def test_streams_take_no_more_people_than_queues_leave():
     """Of eight people a queue of three takes four."""
     queueing = {"pedestrians__count": 8, "pedestrians__queues": [{"head": [0, 0], "count": 3}]}
     fitting = hall(**queueing, pedestrians__streams=[{**WEST_EAST, "share": 0.5}])
-    assert stream_sizes(fitting) == [4]
+    assert stream_sizes(fitting.pedestrians) == [4]
     with pytest.raises(ScenarioError, match=r"shares take 5 of .* queues leave 4; allowed: 0\.5 "):
         hall(**queueing, pedestrians__streams=[{**WEST_EAST, "share": 0.6}])
+
+
+@pytest.mark.parametrize(("share", "standing", "allowed"), [(0.5, 0.8, "0.5"), (1.0, 0.1, "0")])
+def test_those_who_stand_are_no_more_than_streams_leave(share, standing, allowed):
+    people = {"count": 10, "streams": [{**WEST_EAST, "share": share}]}
+    hall(pedestrians=people | {"standing": 1 - share})
+    with pytest.raises(ScenarioError) as caught:
+        hall(pedestrians=people | {"standing": standing})
+    left = 10 - round(10 * share)
+    assert str(caught.value).endswith(
+        f"pedestrians.standing: {round(10 * standing)} of pedestrians.count 10 people, but queues "
+        f"and streams leave {left}; allowed: <= {allowed}"
+    )

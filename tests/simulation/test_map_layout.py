@@ -14,6 +14,10 @@ from crowdbench.simulation.map_layout import places_of, robot_clearance
 PILLAR_SHAPES = [shapely.Polygon(pillar) for pillar in PILLARS]
 
 
+NEAR_8 = [7.5, -1, 8.5, 1]
+"""A region all of which is near (8, 0)."""
+
+
 def solids(scenario):
     lines = [shapely.LineString([wall[:2], wall[2:]]) for wall in scenario.arena.walls]
     return shapely.union_all([*lines, *map(shapely.Polygon, scenario.arena.polygons)])
@@ -123,6 +127,16 @@ def test_regions_serve_in_open_arenas_and_corridors_too():
             },
             "pedestrians.radius: 1.6 m leaves no room",
         ),
+        (
+            {"arena__regions": {"west": [-1, 3, -0.4, 3.4], "east": [-1, 3.1, -0.4, 3.5]}},
+            "robots.goal: all of region 'east' is within 0.78 m of region 'west' (robots.start); "
+            "allowed: places more than 0.8 m apart",
+        ),
+        (
+            {"pedestrians__queues": [{"head": [8, 0], "count": 1}], "arena__regions__east": NEAR_8},
+            "robots.goal: region 'east' has no room for a robot away from people in line "
+            "(pedestrians.queues); allowed: somewhere in it more than 1.5 m from their places",
+        ),
     ],
 )
 def test_places_that_no_seed_can_use_are_refused_with_what_is_allowed(changes, told):
@@ -135,9 +149,18 @@ def test_places_that_no_seed_can_use_are_refused_with_what_is_allowed(changes, t
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"pedestrians__count": 500, "pedestrians__radius": 0.4}, "pedestrian .* of 500 found no"),
-        ({"robots__count": 30}, "robot .* of 30 found no place"),
-        ({"obstacles__count": 60}, "obstacle .* of 60 found no place"),
+        (
+            {"pedestrians__count": 500, "pedestrians__radius": 0.4},
+            r"pedestrian .* of 500 found no .*\(pedestrians\.count, pedestrians\.radius or pede",
+        ),
+        (
+            {"robots__count": 30},
+            r"robot .* of 30 found no place .*\(robots\.start, robots\.goal, .* or robots\.count\)",
+        ),
+        (
+            {"obstacles__count": 60},
+            r"obstacle .* of 60 found no place .*\(obstacles\.count or ",
+        ),
     ],
 )
 def test_no_room_is_said_with_the_seed(changes, told):

@@ -131,7 +131,7 @@ def test_a_queue_that_cannot_be_is_refused_with_the_place(changes, told):
 
 def test_who_queues_or_stands_is_not_more_than_there_are():
     with pytest.raises(
-        ScenarioError, match=r"pedestrians\.standing: 6 of .* queues leave 3; .* <= 0\.25$"
+        ScenarioError, match=r"pedestrians\.standing: 6 of .* and streams leave 3; .* <= 0\.25$"
     ):
         HALL.override({"pedestrians.standing": 0.5})
 

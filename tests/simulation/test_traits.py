@@ -5,6 +5,7 @@ import pytest
 from bodies import footprint
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from map_scenarios import hall
 from scipy.stats import truncnorm
 from shapely.geometry import Point
 
@@ -44,6 +45,20 @@ def test_radii_are_within_their_bounds_and_a_persons_own():
     np.testing.assert_array_equal(radii[7, :5], place(some, 7).traits.radius)
     assert ((radii >= 0.2) & (radii <= 0.3)).all()
     np.testing.assert_allclose(np.quantile(radii, [0.1, 0.5, 0.9]), [0.21, 0.25, 0.29], atol=0.005)
+
+
+@pytest.mark.parametrize("groups", [0.0, 0.6])
+def test_nobody_in_a_stream_stands(groups):
+    streams = [{"start": "west", "goal": "east", "share": share} for share in (0.3, 0.2)]
+    scenario = hall(
+        pedestrians={"count": 10, "streams": streams, "standing": 0.3, "groups": {"share": groups}}
+    )
+    for seed in range(900_000, 900_020):
+        world = World(scenario, seed)
+        stands, in_stream = world.layout.traits.standing, world.stream >= 0
+        # Who walks in a group goes with its first one.
+        assert stands.sum() == 3 and in_stream.sum() in ([5, 6] if groups else [5])
+        assert not stands[in_stream].any() and not stands[world.pedestrians.group >= 0].any()
 
 
 def test_two_equal_bounds_are_one_radius():
