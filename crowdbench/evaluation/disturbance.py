@@ -13,8 +13,8 @@ A person's way is compared by goals, so these must not depend on where the perso
 ``undefined`` says of which scenarios that holds. How far behind somebody is follows from the way
 without the robot, walls and other people included: from its point that is nearest to where the
 person is now, on the same leg. Those who get other goals in the two twins after all (who is called
-back to a queue may be anywhere) are left out of delay and detour, and ``compared`` is the share of
-those who are left.
+back to a queue may be anywhere, and who is held up may be interrupted where it would have arrived)
+are left out of delay and detour, and ``compared`` is the share of those who are left.
 
 Recorded people come and go by the recording's clock, in all twins alike, and are compared while it
 has them. Who could not appear because a robot stood there has waited, and is behind by what the
@@ -206,6 +206,8 @@ def disturbance(
 def undefined(scenario: Scenario) -> str:
     """Why twins of a scenario cannot be compared: field, value, allowed; empty if they can."""
     people = scenario.pedestrians
+    if not people.count:
+        return ""
     if people.control == "agents":
         return (
             "pedestrians.control: 'agents': what steers them sees the robot, and is not simulated "

@@ -320,7 +320,7 @@ def test_people_walk_as_in_the_episode_until_it_ends():
 
 
 def test_nobody_around_is_undefined():
-    world = crowd("multimodal_fast", count=0)
+    world = load_scenario("multimodal_fast", pedestrians={"count": 0})
     assert np.isnan(disturbance(world, 900_000, standing(1.0))).all()
 
 
