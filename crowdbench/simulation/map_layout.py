@@ -215,7 +215,7 @@ def places_of(scenario: Scenario) -> Places | None:
         raise ScenarioError(
             f"scenario {scenario.name!r}: robots.goal: no way leads to {_named(robots.goal)} from "
             f"{_named(robots.start)} (robots.start); allowed: passages at least "
-            f"{2 * clearance:.2f} m wide, for the circle around the robot"
+            f"{ground.joining(clearance):.2f} m wide, for the circle around the robot"
         )
     walkable = ground.connected(people.radii[1])
     met = np.unique(walkable[starts | goals])
@@ -262,8 +262,9 @@ def _room_for(
     cells = ground.within(region) & ground.free(clearance)
     if not cells.any():
         raise ScenarioError(
-            f"{where}: the region {place!r} has no room for a robot; allowed: somewhere in it at "
-            f"least {clearance:.2f} m from walls, polygons and the border"
+            f"{where}: the region {place!r} has no room for a robot; allowed: with a place in it, "
+            f"{ground.holding:.2f} m wide, at least {clearance:.2f} m from walls, polygons and the "
+            "border"
         )
     return cells
 
