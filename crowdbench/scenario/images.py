@@ -97,16 +97,16 @@ def read_map(path: Path) -> dict[str, Any]:
 
 def _origin(value: Any, place: str) -> tuple[float, float]:
     """Where the picture's lower left corner is [m]."""
-    try:
-        x, y, *yaw = map(float, value)
-    except (TypeError, ValueError):
-        x, y, yaw = np.nan, np.nan, []
-    if not (np.isfinite([x, y]).all() and max(abs(x), abs(y)) < 9_000 and yaw in ([], [0.0])):
+    numbers = value if isinstance(value, list) else []
+    plain = all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in numbers)
+    if not (
+        plain and len(numbers) == 3 and all(abs(one) < 9_000 for one in numbers) and not numbers[2]
+    ):
         raise ValueError(
             f"{place}: origin: {setting(value)}; allowed: [x, y, yaw] (m) of the lower left "
             "corner, up to 9,000 m away, with a yaw of 0"
         )
-    return x, y
+    return float(numbers[0]), float(numbers[1])
 
 
 def _brightness(path: Path) -> NDArray[np.float64]:

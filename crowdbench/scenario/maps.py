@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crowdbench.messages import nearest, quoted, setting, short
-from crowdbench.scenario.changes import change
+from crowdbench.messages import nearest, quoted, short
 from crowdbench.scenario.images import read_map
 from crowdbench.scenario.places import MOST_EDGES, Place, corners, outside
 from crowdbench.scenario.room import ends_gap, rounded_up
@@ -37,21 +35,6 @@ def with_image(arena: dict[str, Any]) -> dict[str, Any]:
     shown = found.pop("polygons")
     both = [*own, *shown] if isinstance(own, (list, tuple)) else own
     return {**arena, **found, "polygons": both, "image": None}
-
-
-def image_beside_another(arena: Arena, changes: Mapping[str, Any]) -> str:
-    """What is wrong with changes that would lay a map over another; empty where they do not."""
-    nested: dict[str, Any] = {}
-    change(nested, changes)
-    changed = nested.get("arena")
-    if not isinstance(changed, dict) or not changed.get("image") or "polygons" in changed:
-        return ""
-    if not arena.polygons:
-        return ""
-    return (
-        f"arena.image: {setting(changed['image'])} for a map that has {len(arena.polygons)} "
-        "polygons already; allowed: with arena.polygons, [] to leave them out"
-    )
 
 
 def misplaced(scenario: Scenario) -> str:

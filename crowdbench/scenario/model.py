@@ -65,14 +65,12 @@ class Scenario(Section):
 
         Raises:
             ScenarioError: unknown field, value out of range, or one that a recording decides; an
-                image for a map that has polygons, without saying which of them stay. A map that was
-                read from an image is one of polygons, and can be changed like one.
+                image for a map that has polygons or walls, without saying which of them stay. A map
+                that was read from an image is one of polygons, and can be changed like one.
         """
         document = self.model_dump()
         change(document, changes)
         leave_decided(document, changes, source=self.name)
-        if problem := maps.image_beside_another(self.arena, changes):
-            raise ScenarioError(f"scenario {quoted(self.name)}: {problem}")
         return validate(document, source=self.name)
 
     @model_validator(mode="before")

@@ -20,6 +20,8 @@ CELL = 0.05
 _MOST_CELLS = 2_000_000
 HALF_DIAGONAL = math.sqrt(0.5)
 """Of a square, by its side."""
+_ROUND = 0.05
+"""To which widths in messages are rounded up [m]."""
 _ON_EDGE = 1e-9
 """Of a polygon is what is this near to it [m]."""
 
@@ -50,6 +52,7 @@ class Ground:
     Attributes:
         bounds: x_min, y_min, x_max, y_max [m].
         side: of a cell [m].
+        margin: from the centre of a cell to its corners [m].
         gap: (rows, columns) from a cell's centre to the nearest wall or border of the area, 0
             inside polygons [m].
     """
@@ -65,6 +68,7 @@ class Ground:
         self.bounds = arena.bounds
         x_min, y_min, x_max, y_max = self.bounds
         self.side = max(CELL, math.sqrt((x_max - x_min) * (y_max - y_min) / _MOST_CELLS))
+        self.margin = HALF_DIAGONAL * self.side
         self._x = x_min + self.side * (np.arange(int((x_max - x_min) / self.side + 1e-9)) + 0.5)
         self._y = y_min + self.side * (np.arange(int((y_max - y_min) / self.side + 1e-9)) + 0.5)
         self.gap = np.minimum(
@@ -80,7 +84,24 @@ class Ground:
 
     def free(self, radius: float) -> Mask:
         """Where a disc fits wherever in the cell its centre is."""
-        return self.gap >= radius + HALF_DIAGONAL * self.side
+        return self.gap >= radius + self.margin
+
+    def joining(self, gap: float) -> float:
+        """Width of passages that join cells whose centres are ``gap`` from walls, whatever their
+        shape [m].
+
+        Narrower ones may. The centres of cells that a line crosses are half a diagonal away from
+        it at most, and cells that it crosses one after another lie side by side.
+        """
+        return _rounded_up(2 * (gap + self.margin))
+
+    @property
+    def holding(self) -> float:
+        """Diameter of circles that have a cell inside, wherever they are [m].
+
+        If the whole circle is as far from walls as a disc's radius, the disc has room in that cell.
+        """
+        return _rounded_up(4 * self.margin)
 
     def connected(
         self, radius: float, discs: NDArray[np.float64] | None = None
@@ -152,3 +173,7 @@ class Ground:
 
         x, y = np.meshgrid(self._x + dx, self._y + dy)
         return np.asarray(shapely.contains_xy(shapely.Polygon(polygon).buffer(_ON_EDGE), x, y))
+
+
+def _rounded_up(metres: float) -> float:
+    return math.ceil(metres / _ROUND - 1e-9) * _ROUND

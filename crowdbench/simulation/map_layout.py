@@ -227,7 +227,8 @@ def places_of(scenario: Scenario) -> Places | None:
     beside = scenario.obstacles.radius[1] + passage(robots)
     walls = walls_of(scenario)
     ground = Ground(scenario.arena, walls, max(at_goal, people.radii[1], beside))
-    ways = Ways(walls, np.empty((0, 3)), clearance, scenario.arena.bounds)
+    narrowest = min(robots.length, robots.width)
+    ways = Ways(walls, np.empty((0, 3)), clearance, scenario.arena.bounds, narrowest)
     starts = _room_for(scenario, ground, ways, "start", robots.start, clearance)
     goals = _room_for(scenario, ground, ways, "goal", robots.goal, at_goal)
     areas = ground.connected(clearance)
@@ -241,7 +242,7 @@ def places_of(scenario: Scenario) -> Places | None:
         raise ScenarioError(
             f"scenario {scenario.name!r}: robots.goal: no way leads to {named(robots.goal)} from "
             f"{named(robots.start)} (robots.start); allowed: passages at least "
-            f"{2 * clearance:.2f} m wide, for the circle around the robot"
+            f"{ground.joining(clearance):.2f} m wide, for the circle around the robot"
         )
     require_off_queues(scenario, "start", robots.start, first)
     require_off_queues(scenario, "goal", robots.goal, last)
@@ -291,8 +292,9 @@ def _room_for(
     cells = ground.within(region) & ground.free(clearance)
     if not cells.any():
         raise ScenarioError(
-            f"{where}: the region {place!r} has no room for a robot; allowed: somewhere in it at "
-            f"least {clearance:.2f} m from walls, polygons and the border"
+            f"{where}: the region {place!r} has no room for a robot; allowed: with a place in it, "
+            f"{ground.holding:.2f} m wide, at least {clearance:.2f} m from walls, polygons and the "
+            "border"
         )
     return cells
 

@@ -123,7 +123,7 @@ def _routes(same: _Same) -> Routes:
     for i, stream in enumerate(people.streams):
         names = [stream.start, *stream.via, stream.goal]
         regions = [ground.within(arena.regions[name]) for name in names]
-        area = _common_area(scenario, i, stream, [areas[region] for region in regions])
+        area = _common_area(scenario, ground, i, stream, [areas[region] for region in regions])
         streams[i, 0], streams[i, 1] = area, len(names) - 1
         streams[i, 2 : 2 + len(names)] = len(tables) + np.arange(len(names))
         tables += [region & (areas == area) for region in regions]
@@ -149,7 +149,11 @@ def _routes(same: _Same) -> Routes:
 
 
 def _common_area(
-    scenario: Scenario, index: int, stream: Stream, areas: list[NDArray[np.int32]]
+    scenario: Scenario,
+    ground: Ground,
+    index: int,
+    stream: Stream,
+    areas: list[NDArray[np.int32]],
 ) -> int:
     """The connected area in which a stream walks: of those in all its regions the largest.
 
@@ -166,14 +170,15 @@ def _common_area(
         if not (found > 0).any():
             raise ScenarioError(
                 f"{where}.{field}: the region {name!r} has no room for a person; allowed: "
-                f"somewhere in it at least {radius:g} m from walls, polygons and the border"
+                f"with a place in it, {ground.holding:.2f} m wide, at least {radius:g} m from "
+                "walls, polygons and the border"
             )
         common = np.intersect1d(common, found)
         if not len(common):
+            wide = ground.joining(radius + ground.margin)
             raise ScenarioError(
                 f"{where}.{field}: no way leads to {name!r} from {stream.start!r}; allowed: "
-                f"passages {2 * (radius + 0.05):g} m wide or more, for people of "
-                f"pedestrians.radius {radius:g} m"
+                f"passages {wide:.2f} m wide or more, for people of pedestrians.radius {radius:g} m"
             )
     sizes = [(areas[0] == area).sum() for area in common]
     return int(common[np.argmax(sizes)])
@@ -199,13 +204,14 @@ def _require_reached(scenario: Scenario, ground: Ground, main: Mask) -> None:
     radius = scenario.pedestrians.radii[1]
     walkable = ground.connected(radius)  # in line people may be nearer to walls than they walk
     reached = np.unique(walkable[main])
+    wide = ground.joining(radius + ground.margin)
     for q, queue in enumerate(scenario.pedestrians.queues):
         for k, (x, y) in enumerate(queue.places()):
             if not np.isin(walkable[ground.at((x, y))], reached).any():
                 raise ScenarioError(
                     f"scenario {scenario.name!r}: pedestrians.queues: no way leads to place "
                     f"{k + 1} of queue {q + 1}, ({x:.2f}, {y:.2f}), from where people walk; "
-                    f"allowed: passages {2 * (radius + 0.05):g} m wide or more, for people of "
+                    f"allowed: passages {wide:.2f} m wide or more, for people of "
                     f"pedestrians.radius {radius:g} m"
                 )
 

@@ -43,6 +43,8 @@ class Network(NamedTuple):
             in ``crowdbench.simulation.clearance`` [m].
         reach: (M,) distance to keep from each core [m].
         visibility: which way points may be seen from where.
+        necks: (K, 4) shortest lines across openings that are too narrow even to be squeezed
+            through [m].
     """
 
     nodes: Array
@@ -50,6 +52,7 @@ class Network(NamedTuple):
     cores: Array
     reach: Array
     visibility: Visibility
+    necks: Array
 
 
 class Ways:
@@ -65,6 +68,7 @@ class Ways:
         obstacles: Array,
         clearance: float,
         bounds: tuple[float, float, float, float] | None = None,
+        narrowest: float = 0.0,
     ) -> None:
         """Find the way points and what lies between them.
 
@@ -73,6 +77,8 @@ class Ways:
             obstacles: (K, 3) x, y, radius [m].
             clearance: least distance from walls and from the edges of obstacles [m].
             bounds: x_min, y_min, x_max, y_max that no way leaves [m].
+            narrowest: width of an opening through which a way may lead from a place where the
+                clearance cannot be kept, at most twice the clearance [m].
         """
         cores = np.concatenate([walls, obstacles[:, [0, 1, 0, 1]]])
         reach = np.concatenate([np.full(len(walls), float(clearance)), obstacles[:, 2] + clearance])
@@ -85,7 +91,9 @@ class Ways:
         edges = np.zeros((len(nodes), len(nodes)))
         _connect(nodes, cores, reach, edges)
         between = np.asarray(dijkstra(csr_array(edges)))
-        self.network = Network(nodes, between, cores, reach, visibility(nodes, cores, reach))
+        necks = _necks(cores, reach - clearance + narrowest / 2)
+        seen = visibility(nodes, cores, reach)
+        self.network = Network(nodes, between, cores, reach, seen, necks)
 
     def is_free(self, point: Array) -> bool:
         """Whether the disc fits at a point (2,) [m]."""
@@ -165,6 +173,25 @@ def _way_points(cores: Array, reach: Array) -> Array:
     return np.array(sorted(found), dtype=np.float64).reshape(-1, 2)
 
 
+def _necks(cores: Array, room: Array) -> Array:
+    """(K, 4) shortest lines between two cores that are nearer than their ``room`` (M,) [m]."""
+    low, high = cores[:, 4:6], cores[:, 6:8]
+    i, j = np.nonzero(np.triu(((low[:, None] <= high) & (high[:, None] >= low)).all(axis=2), 1))
+    ends = cores[:, :4].reshape(-1, 2, 2)
+    one, other = (ends[[i, i, j, j], [[0], [1], [0], [1]]], ends[[j, j, i, i]])
+    along, to = other[..., 1, :] - other[..., 0, :], one - other[..., 0, :]
+    square = along[..., 0] * along[..., 0] + along[..., 1] * along[..., 1]
+    dot = to[..., 0] * along[..., 0] + to[..., 1] * along[..., 1]
+    share = np.clip(dot / np.where(square > 0.0, square, 1.0), 0.0, 1.0)[..., None]
+    lines = np.concatenate([one, other[..., 0, :] + share * along], axis=2)  # (4, P, 4)
+    dx, dy = lines[..., 2] - lines[..., 0], lines[..., 3] - lines[..., 1]
+    gaps, pairs = np.sqrt(dx * dx + dy * dy), np.arange(len(i))
+    nearest = gaps.argmin(axis=0)
+    gap = gaps[nearest, pairs]
+    narrow = (gap > 0.0) & (gap < room[i] + room[j])
+    return np.asarray(lines[nearest, pairs][narrow])
+
+
 def _free_arc(x: float, y: float, segments: Array) -> tuple[float, float]:
     """Begin and extent of the directions at right angles or more to all segments from a point."""
     angles = []
@@ -240,6 +267,15 @@ def _next_points(x, y, goals, remaining, network, found):  # type: ignore[no-unt
 
 
 @compiled()
+def _leads_through(ax, ay, bx, by, necks):  # type: ignore[no-untyped-def]
+    """Whether the straight line from a to b crosses one of the necks."""
+    for i in range(len(necks)):
+        if gap_between(ax, ay, bx, by, necks[i, 0], necks[i, 1], necks[i, 2], necks[i, 3]) == 0.0:
+            return True
+    return False
+
+
+@compiled()
 def next_point(x, y, goal_x, goal_y, lengths, network):  # type: ignore[no-untyped-def]
     """Where the shortest way from (x, y) to a goal leads next, and how long all of it is.
 
@@ -284,9 +320,11 @@ def next_point(x, y, goal_x, goal_y, lengths, network):  # type: ignore[no-untyp
             if best < 0:
                 break
             k = seen[first + best]
-            if sees(x, y, nodes[k, 0], nodes[k, 1], cores, reach, share):
+            if sees(x, y, nodes[k, 0], nodes[k, 1], cores, reach, share) and (
+                share == 1.0 or not _leads_through(x, y, nodes[k, 0], nodes[k, 1], network.necks)
+            ):
                 return nodes[k, 0], nodes[k, 1], values[best]
             values[best] = math.inf
-        # Who cannot keep all of the distance squeezes past walls.
+        # Who cannot keep all of the distance squeezes past walls, but not through every opening.
         cell, share = network.visibility.columns * network.visibility.rows, SQUEEZED
     return goal_x, goal_y, math.inf

@@ -119,15 +119,42 @@ def test_an_image_is_not_laid_over_another_map_unsaid(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     room = scenario_of(write_map(tmp_path))
     empty = write_map(tmp_path / "elsewhere", np.full_like(ROOM, 255))
-    told = (
-        r"arena\.image: .*room\.yaml' for a map that has \d+ polygons already; allowed: with arena"
-    )
+    told = r"arena\.image: .*room\.yaml' for a map that has arena\.polygons already; allowed: with"
     for changes in ({"arena.image": str(empty)}, {"arena": {"image": str(empty)}}):
         with pytest.raises(ScenarioError, match=told):
             room.override(changes)
     other = room.override({"arena.image": str(empty), "arena.polygons": []})
     assert not other.arena.polygons
     assert other.override({"arena.image": str(tmp_path / "room.yaml")}).digest == room.digest
+
+
+def test_on_whatever_an_image_is_set_what_stays_of_that_map_is_said(tmp_path):
+    image = write_map(tmp_path)
+    (walled := tmp_path / "walled.yaml").write_text(
+        "extends: multimodal_fast\nrobots: {start: a, goal: b}\n"
+        "arena: {kind: map, length: 5, width: 3, centre: [2.5, 1.5], walls: [[2, 1, 3, 1]],\n"
+        f"  polygons: [[[3, 2], [3.1, 2], [3, 2.1]]], regions: {REGIONS}}}\n"
+    )
+    (mine := tmp_path / "mine.yaml").write_text(
+        "extends: walled.yaml\narena: {image: room.yaml, polygons: []}\n"
+    )
+    both = r"for a map that has arena\.polygons and arena\.walls already; allowed: with arena\.pol"
+    changes = {"arena.image": str(image)}
+    for refused in (
+        lambda: load_scenario(walled, **changes),
+        lambda: load_scenario(load_scenario(walled), **changes),
+        lambda: load_scenario(walled).override({"arena": {"image": str(image)}}),
+    ):
+        with pytest.raises(ScenarioError, match=r"arena\.image: .*room\.yaml' " + both):
+            refused()
+    with pytest.raises(ScenarioError, match=r"mine\.yaml.*that has arena\.walls already; allowed"):
+        load_scenario(mine)
+    changes |= {"arena.polygons": [], "arena.walls": [[2, 1, 3, 1]]}
+    shown = load_scenario(walled, **changes)
+    assert shown.arena.polygons == scenario_of(image).arena.polygons
+    assert shown.arena.walls == load_scenario(walled).arena.walls
+    mine.write_text("extends: walled.yaml\narena: {image: room.yaml, polygons: [], walls: []}\n")
+    assert load_scenario(mine).arena == scenario_of(image).arena
 
 
 def test_the_image_is_found_beside_the_file_that_names_it(tmp_path, monkeypatch):
@@ -171,6 +198,15 @@ def test_what_the_image_says_is_not_said_beside_it(tmp_path, field, value):
         ({"occupied_thresh": 65}, "occupied_thresh: 65; allowed: 0 to 1"),
         ({"origin": [0, 0, 0.5]}, "origin: [0, 0, 0.5]; allowed: [x, y, yaw]"),
         ({"origin": 3}, "origin: 3; allowed"),
+        ({"origin": '"12"'}, "origin: '12'; allowed"),
+        ({"origin": ["1", "2", "0"]}, "origin: ['1', '2', '0']; allowed"),
+        ({"origin": "[true, false, 0]"}, "origin: [true, false, 0]; allowed"),
+        ({"origin": [0, 0]}, "origin: [0, 0]; allowed"),
+        ({"origin": [0, 0, 0, 0]}, "origin: [0, 0, 0, 0]; allowed"),
+        ({"origin": "[.nan, 0, 0]"}, "origin: [nan, 0, 0]; allowed"),
+        ({"origin": [10**400, 0, 0]}, "origin: [a number of 1329 bits, 0, 0]; allowed"),
+        ({"resolution": '"0.05"'}, "resolution: '0.05'; allowed"),
+        ({"negate": '"1"'}, "negate: '1'; allowed"),
         ({"image": None}, "image: null; allowed: the name of a PGM or PNG file"),
         ({"image": "none.pgm"}, "none.pgm does not exist; allowed: a PGM or PNG file"),
         ({"image": "room.yaml"}, "room.yaml cannot be read as a picture"),

@@ -330,21 +330,24 @@ def test_who_queues_or_stands_does_so_among_people_who_follow_ways():
     [
         (
             {"arena__walls": [[1, -6, 1, 6]], "robots__goal": [-5, 0]},
-            "pedestrians.streams.0.goal: no way leads to 'east' from 'west'; allowed: passages 0.6",
+            "pedestrians.streams.0.goal: no way leads to 'east' from 'west'; allowed: passages "
+            "0.65 m wide",
         ),
         (
             {"arena__walls": [[1, -6, 1, -0.25], [1, 0.25, 1, 6]], "robots__goal": [-5, 0]},
-            "pedestrians.streams.0.goal: no way leads to 'east' from 'west'; allowed: passages 0.6",
+            "pedestrians.streams.0.goal: no way leads to 'east' from 'west'; allowed: passages "
+            "0.65 m wide",
         ),
         (
             {"arena__regions": {**REGIONS, "slit": [-8, 0, -7.96, 4]},
              "pedestrians__streams": [{"start": "west", "goal": "slit"}]},
-            "pedestrians.streams.0.goal: the region 'slit' has no room for a person; allowed: som",
+            "pedestrians.streams.0.goal: the region 'slit' has no room for a person; allowed: with "
+            "a place in it, 0.15 m wide, at least 0.25 m from",
         ),
         (
             {"arena__regions": {**REGIONS, "behind": [9.8, -5, 9.9, 5]},
              "pedestrians__streams": [{"start": "west", "goal": "east", "via": ["behind"]}]},
-            "pedestrians.streams.0.via: the region 'behind' has no room for a person; allowed: so",
+            "pedestrians.streams.0.via: the region 'behind' has no room for a person; allowed: wi",
         ),
     ],
 )  # fmt: skip
@@ -371,7 +374,7 @@ def with_a_room(door):
 def test_a_queue_that_nobody_can_walk_to_is_refused(door):
     told = (
         r"pedestrians\.queues: no way leads to place 1 of queue 1, \(2\.25, -4\.75\), from where "
-        r"people walk; allowed: passages 0\.6 m wide or more"
+        r"people walk; allowed: passages 0\.65 m wide or more"
     )
     with pytest.raises(ScenarioError, match=told):
         parallel_env(with_a_room(door))

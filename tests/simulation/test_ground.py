@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from map_scenarios import hall
 
@@ -85,3 +85,42 @@ def test_places_are_spread_evenly():
     counts, _, _ = np.histogram2d(*places.T, bins=4, range=[[-1, 1], [-1, 1]])
     assert counts.sum() == 4000
     assert abs(counts - 250).max() < 5 * np.sqrt(250)
+
+
+def ground_of(polygons):
+    arena = Arena(kind="map", length=8, width=8, polygons=polygons)
+    return Ground(arena, walls_of(hall().model_copy(update={"arena": arena})), 0.6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(METRES, METRES), min_size=2, max_size=4), st.floats(0.05, 0.5))
+@example([(-2.0, 2.0), (2.0, -2.0)], 0.35)
+@example([(-2.0, 0.01), (2.0, 0.01)], 0.35)
+def test_a_passage_as_wide_as_is_said_joins_its_ends_however_it_bends(bends, gap):
+    assume(len(set(bends)) == len(bends))
+    passage = shapely.LineString(bends).buffer(ground_of([]).joining(gap) / 2, quad_segs=32)
+    block = shapely.box(-3.9, -3.9, 3.9, 3.9).difference(passage)
+    # Cut in two, since polygons have no holes.
+    halves = [block.intersection(shapely.box(x, -4, x + 4, 4)) for x in (-4, 0)]
+    parts = [p for half in halves for p in shapely.get_parts(half) if p.geom_type == "Polygon"]
+    whole = [part.exterior.coords[:-1] for part in parts if not part.interiors]
+    assume(len(whole) == len(parts) and len(whole) > 0)
+    ground = ground_of(whole)
+    areas = ground.connected(gap)
+    first, last = (areas[ground.at(bends[k])] for k in (0, -1))
+    assert np.intersect1d(first[first > 0], last[last > 0]).size
+
+
+@settings(max_examples=40, deadline=None)
+@given(METRES, METRES, st.floats(0.05, 0.5), st.floats(0.0, 1.5))
+@example(0.0, 0.0, 0.35, 0.0)
+def test_a_place_as_wide_as_is_said_has_room(x, y, radius, turn):
+    across = ground_of([]).holding / 2
+    side = across / np.cos(np.pi / 12) * (1 + 1e-9)
+    angles = turn + np.arange(12) * np.pi / 6
+    region = np.column_stack([x + side * np.cos(angles), y + side * np.sin(angles)])
+    edge = across + radius  # of a room around the place
+    boxes = [(x - edge - 0.5, y - edge, 0.5, 2 * edge), (x + edge, y - edge, 0.5, 2 * edge)]
+    boxes += [(x - edge, y - edge - 0.5, 2 * edge, 0.5), (x - edge, y + edge, 2 * edge, 0.5)]
+    ground = ground_of([box(*one) for one in boxes])
+    assert (ground.within(tuple(map(tuple, region.tolist()))) & ground.free(radius)).any()

@@ -10,6 +10,7 @@ from map_scenarios import BORDER, hall
 import crowdbench
 from crowdbench.evaluation.rollout import run_episode
 from crowdbench.evaluation.shortest_path import shortest_path
+from crowdbench.simulation.map_layout import places_of
 from crowdbench.simulation.walls import walls_of
 
 DOORWAY = [*BORDER, [0, -6, 0, -0.45], [0, 0.45, 0, 6]]
@@ -133,3 +134,11 @@ def test_who_follows_the_points_blindly_arrives_where_nobody_walks(walls):
     for seed in range(4):
         (episode,) = run_episode(scenario, "straight_line", seed)
         assert episode.outcome == "success"
+
+
+def test_a_robot_in_a_dead_end_is_not_led_through_a_slit_in_its_back():
+    # The dead end is 0.62 m wide, the slit 0.12 m, the robot 0.3 m.
+    dead_end = [[-1.5, -0.25, 0, -0.25], [-1.5, 0.37, 0, 0.37], [0, -6, 0, 0], [0, 0.12, 0, 5]]
+    scenario = hall(arena__walls=[*BORDER, *dead_end], arena__polygons=[], pedestrians__count=0)
+    ways, goal = places_of(scenario).ways, np.array([5.0, 0.0])
+    assert ways.length(np.array([-0.36, -0.03]), goal) > 12.0

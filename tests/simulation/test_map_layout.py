@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import shapely
@@ -10,6 +12,7 @@ from map_scenarios import BORDER, HALL, PILLARS, hall
 from crowdbench.scenario import NoRoomError, ScenarioError, load_scenario
 from crowdbench.simulation.layout import OBSTACLE_CLEARANCE, place
 from crowdbench.simulation.map_layout import places_of, robot_clearance
+from crowdbench.simulation.routes import routes_of
 
 PILLAR_SHAPES = [shapely.Polygon(pillar) for pillar in PILLARS]
 
@@ -96,8 +99,13 @@ def test_regions_serve_in_open_arenas_and_corridors_too():
     [
         (
             {"arena__regions__west": [-9.9, -5, -9.7, 5]},
-            "robots.start: the region 'west' has no room for a robot; allowed: somewhere in it at "
-            "least 0.35 m from walls",
+            "robots.start: the region 'west' has no room for a robot; allowed: with a place in "
+            "it, 0.15 m wide, at least 0.35 m from walls",
+        ),
+        (
+            {"arena__regions__west": [-8, -2, -7.97, 2]},  # thinner than a cell
+            "robots.start: the region 'west' has no room for a robot; allowed: with a place in "
+            "it, 0.15 m wide, at least",
         ),
         (
             {"arena__regions__east": [4.8, -3.2, 5.2, -2.8]},  # within a pillar
@@ -112,13 +120,13 @@ def test_regions_serve_in_open_arenas_and_corridors_too():
         (
             {"arena__walls": [*BORDER, [0, -6, 0, 6]]},
             "robots.goal: no way leads to region 'east' from region 'west' (robots.start); "
-            "allowed: passages at least 0.70 m wide",
+            "allowed: passages at least 0.80 m wide",
         ),
         (
             {"arena__walls": [*BORDER, [0, -6, 0, -0.3], [0, 0.3, 0, 6]]},
             "robots.goal: no way leads to",
         ),
-        ({"robots__length": 2, "robots__width": 1.5}, "passages at least 2.70 m wide"),
+        ({"robots__length": 2, "robots__width": 1.5}, "passages at least 2.80 m wide"),
         (
             {
                 "arena__walls": [*BORDER, *([-10, y, 10, y] for y in (-3, 0, 3))],
@@ -196,3 +204,24 @@ def test_nobody_stands_where_a_robot_or_a_stream_would_be_shut_in(streams):
         parts = shapely.get_parts(free)
         ends = [shapely.box(*low), shapely.box(*high)]
         assert any(part.intersects(ends[0]) and part.intersects(ends[1]) for part in parts)
+
+
+@pytest.mark.parametrize("turn", [0.0, 10.0, 45.0])
+@pytest.mark.parametrize("off", [0.0, 0.01, 0.025])
+def test_passages_as_wide_as_a_refusal_says_are_passed_by_robots_and_people(turn, off):
+    def with_passage(width, **changes):
+        direction = np.array([-np.sin(np.deg2rad(turn)), np.cos(np.deg2rad(turn))])
+        far, near = 20 * direction, width / 2 * direction
+        walls = [[off, 0, off, 0] + np.concatenate(k) for k in ([-far, -near], [near, far])]
+        changes = {"arena__walls": [*BORDER, *(wall.tolist() for wall in walls)], **changes}
+        return hall(**changes, arena__polygons=[])
+
+    with pytest.raises(ScenarioError, match="no way leads to") as told:
+        places_of(with_passage(0.6))
+    width = float(re.search(r"at least ([\d.]+) m wide", str(told.value))[1])
+    assert places_of(with_passage(width)).starts.corner.size
+    stream = {"pedestrians__streams": [{"start": "west", "goal": "east"}], "robots__goal": [-6, 0]}
+    with pytest.raises(ScenarioError, match="no way leads to") as told:
+        routes_of(with_passage(0.4, **stream))
+    width = float(re.search(r"passages ([\d.]+) m wide", str(told.value))[1])
+    assert routes_of(with_passage(width, **stream)).regions.streams[0, 1] == 1

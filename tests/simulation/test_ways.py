@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import GOAL, RADIUS, START, grid_search, is_free, random_scene
@@ -149,3 +150,33 @@ def test_way_point_after_way_point_the_goal_comes_nearer_by_what_was_walked(seed
         walked = math.hypot(to_x - x, to_y - y)
         assert next_point(*half, *GOAL, *fixed)[2] <= left - walked / 2 + 1e-9
         x, y, left = to_x, to_y, left - walked
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_off_the_way_nobody_is_led_through_an_opening_that_is_too_narrow(seed):
+    rng, narrowest, side = np.random.default_rng(seed), 0.3, 3.0
+    ends = rng.uniform(-side, side, (rng.integers(3, 14), 2))
+    walls = np.hstack([ends, ends + rng.normal(0, 1, ends.shape)])
+    found = Ways(walls, np.empty((0, 3)), 0.35, (-side, -side, side, side), narrowest)
+    lines = shapely.linestrings(walls.reshape(-1, 2, 2))
+    taken = shapely.union_all(shapely.buffer(lines, narrowest / 2 - 1e-6, quad_segs=64))
+    free = shapely.box(-4 * side, -4 * side, 4 * side, 4 * side).difference(taken)
+    shapely.prepare(parts := shapely.get_parts(free))
+    for place, goal in rng.uniform(-side, side, (40, 2, 2)):
+        around = parts[shapely.contains_xy(parts, *place)]
+        path = found.path(place, goal) if found.is_free(goal) else []
+        if len(around) and len(path):
+            assert around[0].distance(shapely.Point(path[1])) < 1e-5
+
+
+def test_a_slit_is_squeezed_through_only_by_who_is_narrower():
+    slit, sides = [[0, -5, 0, 0], [0, 0.12, 0, 5]], [[-1.5, -0.25, 0, -0.25], [-1.5, 0.37, 0, 0.37]]
+    walls = np.array([*slit, *sides], dtype=np.float64)
+    behind, beyond = np.array([-0.36, -0.03]), np.array([4.0, 0.0])
+    lengths = {
+        narrowest: Ways(walls, np.empty((0, 3)), 0.35, None, narrowest).length(behind, beyond)
+        for narrowest in (0.0, 0.1, 0.13, 0.3)
+    }
+    assert lengths[0.0] == lengths[0.1] < 5.0
+    assert lengths[0.13] == lengths[0.3] > 10.0
