@@ -26,7 +26,7 @@ _TOLERANCE = 1e-9
 """Depth at which a path still counts as touching, not entering [m]."""
 _TURN = 2 * np.pi
 _BLOCK = 8
-"""Cores with which pieces of a path are compared at once."""
+"""Cores with which arcs are compared at once."""
 
 
 class _Lines(NamedTuple):
@@ -241,29 +241,22 @@ def _enters(gaps: Array, reach: Array) -> NDArray[np.bool_]:
 
 
 def _clear_lines(lines: _Lines, cores: Array, reach: Array) -> NDArray[np.int64]:
-    """Indices of the lines that come too near to no core.
+    """Indices of the lines that come too near to no core."""
+    # It brings numba, and most episodes need no detour.
+    from crowdbench.simulation.clearance import find_clear
 
-    Most enter one of the first cores, and need not be compared with the rest; nor with one whose
-    surroundings they do not touch.
-    """
-    kept = np.arange(len(lines.begin))
-    low, high = np.minimum(*lines), np.maximum(*lines)
     below = np.minimum(cores[:, :2], cores[:, 2:]) - reach[:, None]
     above = np.maximum(cores[:, :2], cores[:, 2:]) + reach[:, None]
-    for first in range(0, len(cores), _BLOCK):
-        block = slice(first, first + _BLOCK)
-        near = (low[kept, None] <= above[block]) & (high[kept, None] >= below[block])
-        line, core = np.nonzero(near.all(axis=2))
-        at, which = kept[line], first + core
-        gaps = _segment_gaps(lines.begin[at], lines.end[at], cores[which, :2], cores[which, 2:])
-        entered = np.zeros(len(kept), dtype=np.bool_)
-        entered[line[gaps < reach[which] - _TOLERANCE]] = True
-        kept = kept[~entered]
-    return kept
+    clear = np.empty(len(lines.begin), dtype=np.bool_)
+    find_clear(*lines, np.hstack([cores, below, above]), reach, clear)
+    return np.flatnonzero(clear)
 
 
 def _clear_arcs(arcs: _Arcs, cores: Array, reach: Array) -> NDArray[np.int64]:
-    """The same for arcs."""
+    """The same for arcs.
+
+    Most enter one of the first cores, and need not be compared with the rest.
+    """
     kept = np.arange(len(arcs.radius))
     for first in range(0, len(cores), _BLOCK):
         block = slice(first, first + _BLOCK)

@@ -89,3 +89,27 @@ def distance(x, y, x1, y1, x2, y2):  # type: ignore[no-untyped-def]
     t = min(1.0, max(0.0, t))
     dx, dy = x1 + t * ex - x, y1 + t * ey - y
     return math.sqrt(dx * dx + dy * dy)
+
+
+@compiled()
+def find_clear(begin, end, cores, reach, clear):  # type: ignore[no-untyped-def]
+    """Write into ``clear`` (N,) which lines from ``begin`` to ``end`` (N, 2) keep the reach.
+
+    All of it, also where an end is nearer.
+    """
+    last = 0
+    for i in range(len(begin)):
+        ax, ay, bx, by = begin[i, 0], begin[i, 1], end[i, 0], end[i, 1]
+        clear[i] = True
+        for k in range(-1, len(cores)):
+            j = last if k < 0 else k  # what the line before comes too near to is often in the way
+            if (
+                min(ax, bx) <= cores[j, 6]
+                and max(ax, bx) >= cores[j, 4]
+                and min(ay, by) <= cores[j, 7]
+                and max(ay, by) >= cores[j, 5]
+            ):
+                x1, y1, x2, y2 = cores[j, 0], cores[j, 1], cores[j, 2], cores[j, 3]
+                if gap_between(ax, ay, bx, by, x1, y1, x2, y2) < reach[j] - TOLERANCE:
+                    clear[i], last = False, j
+                    break

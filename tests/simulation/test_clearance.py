@@ -5,7 +5,7 @@ import pytest
 import shapely
 from scenes import RADIUS, random_scene
 
-from crowdbench.simulation.clearance import gap_between, sees
+from crowdbench.simulation.clearance import find_clear, gap_between, sees
 from crowdbench.simulation.ways import Ways
 
 
@@ -35,3 +35,18 @@ def test_a_place_is_seen_where_the_straight_line_keeps_its_distance(share):
             assert sees(*a, *b, network.cores, network.reach, share) == free
             seen += free
     assert 50 < seen < 550
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_clear_lines_are_those_that_shapely_finds_far_enough_away(seed):
+    rng = np.random.default_rng(seed)
+    begin, cores, reach = rng.uniform(-3, 3, (300, 2)), rng.uniform(-3, 3, (8, 4)), np.full(8, 0.2)
+    end = begin + rng.normal(0, 1, begin.shape)
+    cores[:2, 2:] = cores[:2, :2]  # round ones
+    low, high = np.minimum(cores[:, :2], cores[:, 2:]), np.maximum(cores[:, :2], cores[:, 2:])
+    clear = np.empty(len(begin), dtype=np.bool_)
+    find_clear(begin, end, np.hstack([cores, low - 0.2, high + 0.2]), reach, clear)
+    lines, walls = shapely.linestrings(np.stack([begin, end], 1)), cores.reshape(-1, 2, 2)
+    expected = shapely.distance(lines[:, None], [*map(shapely.LineString, walls.tolist())]) >= 0.2
+    assert clear.tolist() == expected.all(axis=1).tolist()
+    assert 0 < clear.sum() < len(clear)
