@@ -94,6 +94,6 @@ def misfit(scenario: Scenario) -> str:
     return ""
 
 
-def rounded_up(metres: float) -> float:
+def rounded_up(metres: float, per_metre: int = 1000) -> float:
     """A bound as people read it, rounded so that it is itself allowed."""
-    return math.ceil((metres - _ROUNDING) * 1000) / 1000
+    return math.ceil((metres - _ROUNDING) * per_metre) / per_metre

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from crowdbench.scenario import Arena
 from crowdbench.scenario.places import Point, Region, corners
+from crowdbench.scenario.room import rounded_up
 
 CELL = 0.05
 """Side of a cell [m]; larger where the area is, so that there are not too many."""
 _MOST_CELLS = 2_000_000
 HALF_DIAGONAL = math.sqrt(0.5)
 """Of a square, by its side."""
-_ROUND = 0.05
-"""To which widths in messages are rounded up [m]."""
+_PER_METRE = 20
+"""To one of so many parts widths in messages are rounded up."""
 _ON_EDGE = 1e-9
 """Of a polygon is what is this near to it [m]."""
 
@@ -93,7 +94,7 @@ class Ground:
         Narrower ones may. The centres of cells that a line crosses are half a diagonal away from
         it at most, and cells that it crosses one after another lie side by side.
         """
-        return _rounded_up(2 * (gap + self.margin))
+        return rounded_up(2 * (gap + self.margin), _PER_METRE)
 
     @property
     def holding(self) -> float:
@@ -101,7 +102,7 @@ class Ground:
 
         If the whole circle is as far from walls as a disc's radius, the disc has room in that cell.
         """
-        return _rounded_up(4 * self.margin)
+        return rounded_up(4 * self.margin, _PER_METRE)
 
     def connected(
         self, radius: float, discs: NDArray[np.float64] | None = None
@@ -173,7 +174,3 @@ class Ground:
 
         x, y = np.meshgrid(self._x + dx, self._y + dy)
         return np.asarray(shapely.contains_xy(shapely.Polygon(polygon).buffer(_ON_EDGE), x, y))
-
-
-def _rounded_up(metres: float) -> float:
-    return math.ceil(metres / _ROUND - 1e-9) * _ROUND
